@@ -22,10 +22,10 @@ import numpy as np
 from bakery.physics.medium import phase
 from benchmarks.lamps import SAMPLES, Engine, _apart
 from benchmarks.sizes import sized
-from renderers.materials.bodies.bodies import untabled
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
 from renderers.transport import passes, regions
+from renderers.transport.scattering import of_asset
 
 COLOURS = SimpleNamespace(to_rgb=np.eye(3), to_waves=np.eye(3))
 FAR, ALBEDO, G = 20.0, (0.95, 0.9, 0.8), 0.6
@@ -62,7 +62,7 @@ def scatterer(depth):
     table = (1 - G**2) / (4 * np.pi * (1 + G**2 - 2 * G * np.cos(theta)) ** 1.5)
     medium = type("Medium", (dict,), {})(phase=np.tile(table / phase.phase_integral(theta, table), (3, 1)))
     medium.sigma_t, medium.albedo, medium.theta = depth / FAR * np.array(RELATIVE), np.array(ALBEDO), theta
-    return untabled(SimpleNamespace(medium=medium, stages=("medium",), wavelength=np.array([0.65, 0.55, 0.45])))
+    return of_asset(SimpleNamespace(medium=medium, stages=("medium",), wavelength=np.array([0.65, 0.55, 0.45])))
 
 
 def theirs(depth, kind):

@@ -27,11 +27,11 @@ from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from benchmarks.sizes import sized
 from renderers.materials.bodies import methods
-from renderers.materials.bodies.bodies import untabled
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
 from renderers.transport import passes as transport
 from renderers.transport import regions
+from renderers.transport.scattering import of_asset
 
 SHIPPED = Path(__file__).resolve().parents[1] / "assets" / "scenes"
 NULL = '<bsdf type="null"/>'
@@ -150,7 +150,7 @@ def ours(folder, body, width):
     world = World(scene(folder, body, width), unit=1e-3)
     if body.region:
         colours = SimpleNamespace(to_rgb=np.eye(3), to_waves=np.eye(3))
-        part = transport.part("paths", world, [regions.Medium(region(body), untabled(asset))], colours, 0)
+        part = transport.part("paths", world, [regions.Medium(region(body), of_asset(asset))], colours, 0)
     else:
         how = methods.transport_of(world, ["body"], [asset], [None], lambda number, key, message: ValueError(message), "paths")
         (part,) = methods.parts(how, "paths", "negative", 0)

@@ -86,17 +86,10 @@ def forecast(scene, *, quality=None, variant=None, seed=None) -> Forecast:
     if taken is not None:  # with what was chosen, so that pilots choose nothing again
         scene = dataclasses.replace(candidates.by_methods(scene, taken.methods), choice=taken)
     reasons = () if taken is None else tuple(taken.reasons)
-    return _forecast_of(scene, quality, variant, seed)._replace(choice=reasons)
-
-
-def _forecast_of(scene, quality, variant, seed) -> Forecast:
-    """Of a scene as it is to be rendered."""
-    stop = choice.stop_of(scene, quality)
-    options = {"variant": variant, "seed": seed}
+    measure = _by_passes if scene.rules.RESUMES else _of_filter
     with scratch.folder("pilot") as folder:
-        if scene.rules.RESUMES:
-            return _by_passes(scene, stop, quality, options, folder / "pilot.png")
-        return _of_filter(scene, stop, quality, options, folder / "pilot.png")
+        return measure(scene, choice.stop_of(scene, quality), quality, {"variant": variant, "seed": seed},
+                       folder / "pilot.png")._replace(choice=reasons)
 
 
 # ---- of a renderer by passes

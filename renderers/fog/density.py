@@ -45,7 +45,7 @@ class Density(ABC):
 
     def reach(self, origin) -> float:
         """Distance from `origin` (3,) beyond which there is nothing, m; inf where the density goes on for ever."""
-        return math.inf
+        return math.inf if self.scale else 0.0
 
 
 @dataclass(frozen=True)
@@ -60,9 +60,6 @@ class Uniform(Density):
     def integrals(self, origin, direction, distance):
         z = np.asarray(distance, float)
         return self.scale * np.stack([z, z**2 / 2, z**3 / 3], axis=-1) if self.scale else np.zeros((*z.shape, 3))
-
-    def reach(self, origin):
-        return math.inf if self.scale else 0.0
 
 
 @dataclass(frozen=True)
@@ -111,9 +108,6 @@ class Height(Density):
         lower = np.where(above, np.maximum(np.minimum(start, start + climb), 0.0), 0.0)
         rising, sinking = _falling(np.maximum(rate, 0.0), length), _growing(np.maximum(-rate, 0.0), length)
         return np.exp(-lower / self.falloff)[..., None] * np.where((rate >= 0)[..., None], rising, sinking)
-
-    def reach(self, origin):
-        return math.inf if self.scale else 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,11 @@ _BESIDE = 2e-6
 LOBE = 2  # which random number of `World.shade` chooses a lobe of the BSDF: of dielectrics, below its share, reflection
 
 
+def selected(record, rows):
+    """Some rows, a mask, numbers or a slice, of all arrays of a named tuple, also of those in named tuples in it."""
+    return type(record)(*(selected(values, rows) if isinstance(values, tuple) else values[rows] for values in record))
+
+
 class LightSample(NamedTuple):
     """One light each, seen from n points.
 
@@ -38,9 +43,7 @@ class LightSample(NamedTuple):
     delta: np.ndarray
     light: np.ndarray
 
-    def of(self, rows):
-        """Of some of the points."""
-        return LightSample(*(values[rows] for values in self))
+    of = selected
 
     def share(self, density):
         """Balance heuristic (n,) of this sample against directions drawn with `density` (n,) 1/sr."""
@@ -82,16 +85,24 @@ def light_number(positions, emitter):
     return dr.gather(mi.Int32, positions, dr.reinterpret_array(mi.UInt32, emitter))
 
 
+def by_number(things, values, kind=np.uint32, other=0):
+    """Values of shapes or of emitters, by Dr.Jit's numbers for them, which begin at 1; `other` of what is none of these.  Where
+    one is listed twice the later value holds."""
+    numbers = [int(dr.reinterpret_array(mi.UInt32, (mi.ShapePtr if isinstance(thing, mi.Shape) else mi.EmitterPtr)(thing))[0])
+               for thing in things]
+    table = np.full(max(numbers, default=0) + 1, other, kind)
+    for number, value in zip(numbers, values, strict=True):
+        table[number] = value
+    return table
+
+
 def reaches(scene):
     """Of shapes, by Dr.Jit's numbers for them: the largest coordinate of a mesh of glass; inf of others, whose points are less
     precise, or for which it is of no matter, and of all on graphics cards, where `_BESIDE` was not measured."""
-    shapes = scene.shapes()
-    numbers = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in shapes]
-    table = np.full(max(numbers, default=0) + 1, np.inf)
-    for number, shape in zip(numbers, shapes if not on_gpu(mi.variant()) else ()):
-        if shape.is_mesh() and shape.bsdf() is not None and shape.bsdf().class_name() in ("SmoothDielectric", "RoughDielectric"):
-            table[number] = float(np.abs(np.array([shape.bbox().min, shape.bbox().max], float)).max())
-    return single(table)
+    glass = [] if on_gpu(mi.variant()) else [shape for shape in scene.shapes() if shape.is_mesh() and shape.bsdf() is not None
+                                             and shape.bsdf().class_name() in ("SmoothDielectric", "RoughDielectric")]
+    largest = [np.abs(np.array([shape.bbox().min, shape.bbox().max], float)).max() for shape in glass]
+    return single(by_number([*scene.shapes(), *glass], [np.inf] * len(scene.shapes()) + largest, float))
 
 
 def beside(surface, direction, reaches):
@@ -165,11 +176,6 @@ def _share(mine, rival):
 def finite(colour):
     """A weight that overflowed counts as dark, as in `passes.render`: it would blot out its pixel."""
     return dr.select(dr.all(dr.isfinite(colour)), colour, 0)
-
-
-def selected(result, chosen):
-    """Of some of the rays, a mask, numbers or a slice: of a `Shading` or a `LightSample`."""
-    return type(result)(*(selected(values, chosen) if isinstance(values, tuple) else values[chosen] for values in result))
 
 
 def empty(result):

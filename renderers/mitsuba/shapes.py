@@ -85,9 +85,11 @@ def _of(listed, unit):
                 normals = np.array(shape.vertex_normals_buffer(), float).reshape(-1, 3)
         box = shape.bbox()
         box = unit * np.array([box.min, box.max], float).reshape(2, 3)
-        smooth = not mi.has_flag(shape.bsdf().flags(), mi.BSDFFlags.GlossyTransmission)
-        shapes.append(Shape(shape.id(), vertices, faces, box, _index(shape.bsdf()), smooth, normals, _specular(shape.bsdf()),
-                           shape.has_flipped_normals(), is_sphere(shape), mi.has_flag(shape.bsdf().flags(), mi.BSDFFlags.Null)))
+        kinds, bsdf, flags = mi.BSDFFlags, shape.bsdf(), shape.bsdf().flags()
+        rough, null, mirrors, refracts, has_density = (mi.has_flag(flags, kind) for kind in (
+            kinds.GlossyTransmission, kinds.Null, kinds.DeltaReflection, kinds.DeltaTransmission, kinds.Smooth))
+        shapes.append(Shape(shape.id(), vertices, faces, box, _index(bsdf), not rough, normals, (mirrors or refracts) and
+                            not has_density, shape.has_flipped_normals(), is_sphere(shape), null))
     return shapes
 
 
@@ -129,14 +131,21 @@ def lying_on(shape, surface, unit) -> float:
     return float(area[np.array(mesh_scene(surface.vertices, surface.faces, unit).ray_test(ray), bool)].sum() / area.sum())
 
 
+def mesh(name, vertices, faces, bsdf=None):
+    """Mitsuba's mesh of vertices (V, 3), faces (F, 3) and a BSDF of Mitsuba's; None: its usual one."""
+    properties = mi.Properties()
+    if bsdf is not None:
+        properties["mesh_bsdf"] = bsdf
+    result = mi.Mesh(name, len(vertices), len(faces), props=properties)
+    values = mi.traverse(result)
+    values["vertex_positions"], values["faces"] = vertices.astype(np.float32).ravel(), faces.astype(np.uint32).ravel()
+    values.update()
+    return result
+
+
 def mesh_scene(vertices, faces, unit):
     """A Mitsuba scene of nothing but a mesh of vertices (V, 3) m and faces (F, 3); unit : m, length of 1 in it."""
-    mesh = mi.Mesh("mesh", len(vertices), len(faces))
-    values = mi.traverse(mesh)
-    values["vertex_positions"] = (np.asarray(vertices) / unit).astype(np.float32).ravel()
-    values["faces"] = np.asarray(faces).astype(np.uint32).ravel()
-    values.update()
-    return mi.load_dict({"type": "scene", "mesh": mesh})
+    return mi.load_dict({"type": "scene", "mesh": mesh("mesh", np.asarray(vertices) / unit, np.asarray(faces))})
 
 
 def is_sphere(shape) -> bool:
@@ -164,10 +173,3 @@ def _index(bsdf):
         return 1.0 if is_null(bsdf) else None
     through = any(mi.has_flag(flags, flag) for flag in (mi.BSDFFlags.DeltaTransmission, mi.BSDFFlags.GlossyTransmission))
     return float(np.array(values["eta"]).ravel()[0]) if through and "eta" in values else None
-
-
-def _specular(bsdf):
-    """As `Shape.specular` says."""
-    flags = bsdf.flags()
-    turns = any(mi.has_flag(flags, flag) for flag in (mi.BSDFFlags.DeltaReflection, mi.BSDFFlags.DeltaTransmission))
-    return turns and not mi.has_flag(flags, mi.BSDFFlags.Smooth)

@@ -62,12 +62,6 @@ class Tables:
         cdf = np.concatenate([np.zeros((len(self), 1)), np.cumsum(area, axis=1)], axis=1)
         return cdf / cdf[:, -1:]
 
-    def g(self) -> np.ndarray:
-        """(L,) 1, mean cosine, exact for the interpolant."""
-        f0, f1, s0, h = self.value[:, :-1], self.value[:, 1:], self.s[:-1], np.diff(self.s)
-        mean_s = 4 * np.pi * np.sum(h * (s0 * (f0 + f1) / 2 + h * (f0 / 6 + f1 / 3)), axis=1)
-        return 1 - 2 * mean_s
-
 
 def weights(plugin, knots, channel, wavelength, bands):
     """(N, L) weights of an asset's L wavelengths in the N channels that a plugin is asked for; None: each ray has its own.

@@ -191,11 +191,8 @@ class World:
         """Names of emitters, and their positions by Dr.Jit's numbers for them."""
         emitters = self.scene.emitters()
         self.light_names = lights.names_of(emitters)
-        numbers = np.array([int(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(emitter))[0]) for emitter in emitters], int)
-        positions = np.full(numbers.max(initial=0) + 1, -1, np.int32)
-        positions[numbers] = np.arange(len(numbers))
         infinite = [mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite) for emitter in emitters]
-        self.light_positions = mi.Int32(positions)
+        self.light_positions = mi.Int32(shading.by_number(emitters, range(len(emitters)), np.int32, -1))
         self.without_extent = any(mi.has_flag(emitter.flags(), flag) for emitter in emitters
                                   for flag in (mi.EmitterFlags.DeltaPosition, mi.EmitterFlags.DeltaDirection))
         self._infinite = np.array([*infinite, False])  # -1, no light, is the last one

@@ -23,7 +23,6 @@ _UNUSED = {"spread": "no method here switches from grains to their medium", "foo
            "boundary.tables": "method paths reads no tables"}  # keys of entries that other renderers use
 
 _OF_METHODS = {"body": ("layer", "surface_from"), "grains": ("widen",)}  # kind -> keys that some of its methods take
-_OPEN = {"body": ("auto",), "grains": ("auto",)}  # kinds whose `auto` may be a method that takes such keys
 _NOT_OF_SURFACES = {"boundary": "that of a surface is baked, as surface.boundary of the recipe says"}
 
 
@@ -45,14 +44,11 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
             message, expected = f"found {method} beside other materials", f"expected {fields.one_of(['auto', *METHODS[kind]])}"
             yield owner(stated or entry).problem(message, expected, key=f"{key}.method")
         surface = is_surface(kind, method)
-        for name, reason in _NOT_OF_SURFACES.items() if surface else {}:
-            if name in entry:
-                yield entry.names[name].problem(f"found {name}, and {reason}", "leave it out")
-        for name, reason in _OF_GRAINS.items() if kind == "grains" else ():
+        for name, reason in ((_NOT_OF_SURFACES if surface else {}) | (_OF_GRAINS if kind == "grains" else {})).items():
             if name in entry:
                 yield entry.names[name].problem(f"found {name}, and {reason}", "leave it out")
         for name in _OF_METHODS.get(kind, ()) if method in (*METHODS[kind], "auto") else ():
-            takers = [taker for taker in (*_OPEN.get(kind, ()), *METHODS[kind]) if name in declared(kind)[taker].keys]
+            takers = [taker for taker in ("auto", *METHODS[kind]) if name in declared(kind)[taker].keys]
             if name in entry and method not in takers:
                 yield entry.names[name].problem(f"found {name}, which method {method} does not use",
                                                 f"expected it with method: {fields.one_of(takers)}")

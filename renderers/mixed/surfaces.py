@@ -10,6 +10,7 @@ from renderers.materials.surface import onset
 from renderers.mitsuba import layers
 from renderers.mixed.scene import chosen
 from renderers.scene.entries import declared, is_surface
+from renderers.scene.meshes import length
 from renderers.transport.far import Far
 
 
@@ -105,13 +106,13 @@ def _refuse_without(scene, asset, number) -> None:
 def _spread_in_words(scene, world, asset, layer, shape, size) -> str:
     far = float(np.max(spreading.spread(asset, layer)))
     source = "by walks" if spreading.baked(asset) else "by diffusion"
-    words = f"light leaves it up to {onset.length(far)} (root mean square, {source}) from where it came in"
+    words = f"light leaves it up to {length(far)} (root mean square, {source}) from where it came in"
     if world.camera is None:
         return words
     box = world.unit * np.array([shape.bbox().min, shape.bbox().max], float).reshape(2, 3)
     nearest = float(np.linalg.norm(np.clip(world.camera.origin, box[0], box[1]) - world.camera.origin))
     pixel = nearest * world.camera.pixel
-    compared = (f"a pixel is {onset.length(pixel)} wide at the nearest of its box, and that {onset.length(size)}: regions of a "
+    compared = (f"a pixel is {length(pixel)} wide at the nearest of its box, and that {length(size)}: regions of a "
                 f"ball as wide would be off by {100 * spreading.OFF * far / (0.5 * size):.2g} % or less")
     verdict = "; use another method where it is near" if far > pixel else ""
     return f"{words}; {compared}{verdict}"

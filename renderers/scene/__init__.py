@@ -6,8 +6,7 @@ decide which package renders them (`OF_MATERIALS`, `renderer_of`); others have a
 
 What a package has stands in docs/architecture.md, "Adding a renderer".  Of its module `scene` only this does not: `problems(root,
 values)` gets the kind and the method of each entry in `values`, `materials[0].as` and `materials[0].method`, and in `method` that
-of all; there may be `approximations(values, tolerance)`, the error that the chosen method states, relative to the picture's mean,
-and `PACE`, seconds of a core that a pixel takes to a relative variance of 1.
+of all; there may be `PACE`, seconds of a core that a pixel takes to a relative variance of 1.
 """
 
 import dataclasses

@@ -11,6 +11,8 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
+from renderers.scene import entries
+
 DEFAULT = 0.05  # tolerance of scenes that say none
 # Squares of the error of tables over what approximations leave.  Tables never have more than half: a scene that names a ready
 # asset is rendered as if they had half, whatever it was baked for
@@ -19,7 +21,7 @@ ROOM = 0.5  # of a tolerance, that a method which `auto` takes may be off by; in
 SHARES = HALF, 1 / 4, 1 / 8
 # Error of one pixel over the root mean square error of all, by tables: 4.0 in the rainbow of tests/adversarial.py, at most 1.1 in
 # others
-_GATHERED = 4.0
+GATHERED = 4.0
 
 
 class Split(NamedTuple):
@@ -55,16 +57,16 @@ def of(scene, share: float | None = None, approximations: float | None = None) -
 
     scene : `renderers.scene.Scene`
     share : 1, of squares; that which its assets were baked for if None.  Without meaning where the scene gives the noise
-    approximations : error of the method where it was measured; what the renderer states if None
+    approximations : error of the method where it was measured; what it declares if None
 
     Where the method's own error is above the tolerance no split keeps it, and `lacking` says so: then noise and tables have the
     tolerance between them, as less of them would not help.
     """
     values, share = scene.values, scene.share if share is None else share
     tolerance, noise = values.tolerance or DEFAULT, values.stop.noise
-    stated = getattr(scene.rules, "approximations", None)
     if approximations is None:
-        approximations = stated(values, tolerance) if stated else 0.0
+        of_kind = scene.renderer in entries.PACKAGES.values()
+        approximations = entries.declared(values.materials[0].kind)[values.method].error(tolerance) if of_kind else 0.0
     remaining = tolerance**2 - approximations**2
     remaining = remaining if remaining > 0 else tolerance**2
     if noise is None:
@@ -73,11 +75,6 @@ def of(scene, share: float | None = None, approximations: float | None = None) -
         unspent = remaining - noise**2
         tables = math.sqrt(unspent if unspent > SHARES[-1] * remaining else HALF * remaining)
     return Split(tolerance, approximations, tables, noise, share)
-
-
-def of_tables(chosen: Split, values) -> float:
-    """What tables may change the whole picture by: where each pixel counts, less, as their errors gather in few of them."""
-    return chosen.tables / (_GATHERED if values.measure == "pixels" else 1.0)
 
 
 def cheapest(scene, pixels: int, pace: float, seconds: Callable[[Split], float]) -> Split:

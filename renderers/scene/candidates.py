@@ -59,7 +59,10 @@ def of(scene) -> tuple[Candidate, ...]:
     The first one is that which is taken where no pilots are worth their time.
     """
     if scene.renderer in entries.PACKAGES.values():
-        return _of_one_kind(scene)
+        count, declared = len(scene.values.materials), entries.declared(scene.values.materials[0].kind)
+        return tuple(Candidate(name, (name,) * count, method.exact, method.error, method.pilot, method.lacks, method.slow,
+                               ends_early=method.ends_early, surfaces=tuple(range(count)) if method.surface_far else ())
+                     for name in declared[scene.values.method].candidates for method in (declared[name],))
     return _of_several(scene.values.materials) if scene.renderer == "renderers.mixed" else ()
 
 
@@ -72,15 +75,6 @@ def by_methods(scene, methods: Sequence[str]):
     section = "mixed" if several else scene.section
     return dataclasses.replace(scene, section=section, renderer=scenes.OF_MATERIALS[section],
                                values=scene.values.model_copy(update={"materials": listed, "method": of_all}))
-
-
-def _of_one_kind(scene):
-    declared = entries.declared(scene.values.materials[0].kind)
-    count = len(scene.values.materials)
-    return tuple(Candidate(name, (name,) * count, declared[name].exact, declared[name].error, declared[name].pilot,
-                           declared[name].lacks, declared[name].slow, ends_early=declared[name].ends_early,
-                           surfaces=tuple(range(count)) if declared[name].surface_far else ())
-                 for name in declared[scene.values.method].candidates)
 
 
 # ---- bodies as surfaces

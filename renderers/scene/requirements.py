@@ -149,8 +149,8 @@ class About:
 
     @property
     def tables(self) -> float:
-        """What tables of the asset may change the picture by."""
-        return budget.of_tables(self.split, self.scene.values)
+        """What tables of the asset may change the picture by: where each pixel counts, less, as their errors gather in few."""
+        return self.split.tables / (budget.GATHERED if self.scene.values.measure == "pixels" else 1.0)
 
     def measured(self, measure: Callable):
         """What a function of this measures of scene and recipe, once: nothing that goes by the tolerance."""
@@ -182,12 +182,12 @@ class About:
         """Whether nothing in the scene shines."""
         return self.world.dark
 
-    def pixel(self) -> float:
-        """Angle of a pixel in the middle of the picture, rad; the scene has a camera."""
-        camera = self.world.camera
-        if camera is None:
+    @property
+    def camera(self):
+        """Of the world; UsageError where there is none."""
+        if self.world.camera is None:
             raise self.scene.no_camera()
-        return camera.pixel
+        return self.world.camera
 
 
 def _medium(about):

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
-from renderers.mitsuba.shading import single
+from renderers.mitsuba.shading import by_number, single
 from renderers.transport import flights, media
 
 import mitsuba as mi  # isort: skip
@@ -75,10 +75,7 @@ class Airlight:
         emitters = scene.scene.emitters()
         anchors = self.anchors(emitters)
         self._anchors = single(anchors.ravel())
-        indices = [int(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(emitter))[0]) for emitter in emitters]
-        rows = np.zeros(max(indices) + 1, np.uint32)
-        rows[indices] = np.arange(len(emitters))
-        self._rows = mi.UInt32(rows)
+        self._rows = mi.UInt32(by_number(emitters, range(len(emitters))))
         self._met = any(anchor[3] > 0 for anchor in anchors)  # lamps with an anchor that paths may meet
         # the least of all, so that densities fall off no faster than light
         sigma = np.array([[float(value[0]) for value in scene.media.sigma_t(mi.UInt32(number))]
@@ -158,9 +155,7 @@ class Airlight:
         phase = scene.media.phase(medium, 0.5 * dr.squared_norm(light.d - stretch.direction))
         by_chance, by_sample = chance * media.mean(weights, phase), density * light.pdf
         share = dr.select(light.delta, 1, by_sample / (by_sample + by_chance))
-        passed = flights.transmittance(scene, flights.to_light(interaction, light), stretch.inside, active)
-        if scene.regions.always:
-            passed = media.product(passed, flights.from_infinity(scene, light))
+        passed = flights.of_light(scene, interaction, light, stretch.inside, active)
         weights = media.product(media.product(weights, phase), passed)
         return scene.seen(weights, radiance * share / density, active), light.emitter
 

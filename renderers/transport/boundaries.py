@@ -3,7 +3,8 @@
 import drjit as dr
 import numpy as np
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
+from renderers.mitsuba.shading import by_number
+from renderers.mitsuba.shapes import is_null
 from renderers.transport.regions import boundary
 from renderers.transport.solids import holds, volume
 
@@ -121,11 +122,4 @@ def _numbers(world, bodies):
     bodies : numbers by the names of shapes
     """
     shapes = world.scene.shapes()
-    numbers = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in shapes]
-    table = np.zeros(max(numbers, default=0) + 1, np.uint32)
-    for number, shape in zip(numbers, shapes):
-        table[number] = bodies.get(shape.id(), -1) + 1
-        bsdf = shape.bsdf()
-        if mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null) and not len(mi.traverse(bsdf).keys()):
-            table[number] |= _BLIND
-    return table
+    return by_number(shapes, [bodies.get(shape.id(), -1) + 1 + _BLIND * is_null(shape.bsdf()) for shape in shapes])

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from bakery.kernels import stream_key
 from renderers.pictures.denoise import Features
 from renderers.transport import flights, loop, media

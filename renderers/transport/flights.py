@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import drjit as dr
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.transport import media
 
 import mitsuba as mi  # isort: skip
@@ -108,12 +107,19 @@ def marched(scene, ray, start, end, medium, column, active, within):
     return stop, passed
 
 
-def to_light(interaction, light):
-    """Rays from interactions to light samples.  Those of a light at infinity go on without an end: Mitsuba puts its points on a
-    sphere around the surfaces, and media may reach further."""
-    ray = interaction.spawn_ray_to(light.p)
-    ray.maxt = dr.select(mi.has_flag(light.emitter.flags(), mi.EmitterFlags.Infinite), FAR, ray.maxt)
-    return ray
+def of_light(scene, interaction, light, inside, active):
+    """What gets, of each wavelength, from light samples to interactions, which are inside of bodies, a bit each.
+
+    The way of a light at infinity has no end: Mitsuba puts its points on a sphere around the surfaces, and media may reach
+    further.  The medium that is everywhere leaves nothing of it where it takes something.
+    """
+    ray, infinite = interaction.spawn_ray_to(light.p), mi.has_flag(light.emitter.flags(), mi.EmitterFlags.Infinite)
+    ray.maxt = dr.select(infinite, FAR, ray.maxt)
+    passed = transmittance(scene, ray, inside, active)
+    if not scene.regions.always:
+        return passed
+    sigma_t = scene.media.sigma_t(scene.innermost(mi.UInt32(scene.regions.always))[1])
+    return media.product(passed, [dr.select(infinite & (sigma > 0), mi.Float(0), mi.Float(1)) for sigma in sigma_t])
 
 
 def transmittance(scene, ray, inside, active):
@@ -201,14 +207,6 @@ def onward(scene, ray, inside, active):
     ray, inside, depth, _ = dr.while_loop(start, lambda ray, inside, depth, active: active, step, label="ways ahead")
     surface = scene.scene.ray_intersect(ray, mi.RayFlags.All, False, active)
     return surface, [dr.exp(-d) for d in depth], inside
-
-
-def from_infinity(scene, light):
-    """What the medium that is everywhere leaves, of each wavelength, of lights on their way to the scene: all, but for those at
-    infinity, of which it leaves nothing where it takes something."""
-    infinite = mi.has_flag(light.emitter.flags(), mi.EmitterFlags.Infinite)
-    number = scene.innermost(mi.UInt32(scene.regions.always))[1]
-    return [dr.select(infinite & (sigma > 0), mi.Float(0), mi.Float(1)) for sigma in scene.media.sigma_t(number)]
 
 
 def return_share(scene, before, after):

@@ -241,9 +241,7 @@ def next_event(scene, path, event):
         inside, value = dr.select(event.scatters, path.inside, inside), dr.select(event.scatters, mi.Color3f(1), value)
     radiance *= dr.select(light.delta, 1, balance(light.pdf, density)) * value
     active &= dr.any(radiance > 0)
-    passed = flights.transmittance(scene, flights.to_light(interaction, light), inside, active)
-    if scene.regions.always:
-        passed = media.product(passed, flights.from_infinity(scene, light))
+    passed = flights.of_light(scene, interaction, light, inside, active)
     return scene.seen(media.product(weights, passed), radiance, active), light.emitter
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
-from renderers.mitsuba.shading import single
+from renderers.mitsuba.shading import by_number, single
 
 import mitsuba as mi  # isort: skip
 
@@ -255,9 +255,8 @@ class Manifold:
 
 def numbered(scene, shapes, numbers, kind=np.uint32):
     """Numbers of shapes of a Mitsuba scene, of a kind, by Dr.Jit's numbers for them; 0 of all others."""
-    indices = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in (*shapes, *scene.shapes())]
-    table = np.zeros(max(indices) + 1, kind)
-    table[indices[:len(shapes)]] = numbers
+    others = scene.shapes()
+    table = by_number([*others, *shapes], [0] * len(others) + list(numbers), kind)
     return (mi.Float if kind is np.float32 else mi.UInt32)(table)
 
 

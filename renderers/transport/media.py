@@ -5,6 +5,7 @@ wavelength, chosen by the throughput, and counted for all that might have been c
 """
 
 import math
+from functools import reduce
 
 import drjit as dr
 import numpy as np
@@ -148,17 +149,11 @@ def dot(a, b):
 
 
 def total(values):
-    summed = values[0]
-    for value in values[1:]:
-        summed = summed + value
-    return summed
+    return sum(values[1:], values[0])
 
 
 def largest(values):
-    greatest = values[0]
-    for value in values[1:]:
-        greatest = dr.maximum(greatest, value)
-    return greatest
+    return reduce(dr.maximum, values)
 
 
 def _padded(row, length, value):

@@ -148,10 +148,8 @@ def of_camera(rays, key, first, pixel):
     rays : of offsets (n, 2) in pixels (n, 2), as `Camera.rays_at` or `World.camera_rays`, which takes rows and columns
     key : uint64, of `bakery.kernels.stream_key`;  first : number of the first path
     """
-    states, offset = np.empty(len(pixel), np.uint64), np.empty((len(pixel), 2))
-    wavefront.begin_streams(key, first, states)
-    wavefront.draw(states, offset)
-    return states, *rays(offset, pixel)
+    states = wavefront.streams(key, len(pixel), first)
+    return states, *rays(wavefront.uniforms(states, 2), pixel)
 
 
 def follow(total, together, begin, step):

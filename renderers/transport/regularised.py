@@ -72,9 +72,8 @@ class Wider(NamedTuple):
         if paths.drawn is not None:
             group = group._replace(origin=group.drawn)
         distance = np.where(shading.hit[rows], np.linalg.norm(shading.point[rows] - group.origin, axis=1), np.inf)
-        numbers, density = np.empty((group.count, 3)), 1 / (math.pi * c * c)
-        wavefront.draw(group.states, numbers)
-        sample = world.lights(group.origin, numbers, hidden=False)
+        density = 1 / (math.pi * c * c)
+        sample = world.lights(group.origin, wavefront.uniforms(group.states, 3), hidden=False)
         within = np.sum((sample.direction - group.direction) ** 2, axis=1) < c * c
         # a lamp of a density p has a solid angle of 1/p or less: what is nearer than its point by its width may be its surface
         depth = np.where(sample.delta, 0.0, np.minimum(2 / np.sqrt(math.pi * np.maximum(sample.density, 1e-30)), c))

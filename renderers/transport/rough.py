@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import drjit as dr
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.transport import flights, media
 from renderers.transport.guides import Guides, Looking
 from renderers.transport.manifold import numbered
@@ -127,9 +126,7 @@ class Rough(Looking):
         radiance *= value * dr.select(light.delta, 1, light.pdf / (light.pdf + by_bsdf))
         active &= dr.any(radiance > 0)
         inside = scene.boundaries.beyond(surface, light.d, crossing.inside, active)
-        passed = flights.transmittance(scene, flights.to_light(interaction, light), inside, active)
-        if scene.regions.always:
-            passed = media.product(passed, flights.from_infinity(scene, light))
+        passed = flights.of_light(scene, interaction, light, inside, active)
         drawn = light.emitter, scene.seen(media.product(crossing.weight, passed), radiance, active)
 
         number, u = random.next_float32(), mi.Point2f(random.next_float32(), random.next_float32())

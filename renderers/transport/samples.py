@@ -8,7 +8,7 @@ from typing import NamedTuple
 import drjit as dr
 import numpy as np
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
+from renderers.mitsuba.shading import by_number
 from renderers.transport import lamps, rough, solid_angles, wide
 from renderers.transport.guides import Guides, Sight
 from renderers.transport.lamps import Lamps
@@ -159,11 +159,8 @@ class _Others:
     """Whether emitters are others than some."""
 
     def __init__(self, scene, emitters):
-        indices = [int(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(emitter))[0]) for emitter in (*emitters, *scene.emitters())]
-        table = np.zeros(max(indices, default=0) + 1, np.uint32)
-        table[indices] = 1
-        table[indices[:len(emitters)]] = 0
-        self._table = mi.UInt32(table)
+        every = scene.emitters()
+        self._table = mi.UInt32(by_number([*every, *emitters], [1] * len(every) + [0] * len(emitters)))
 
     def __call__(self, emitter):
         return dr.gather(mi.UInt32, self._table, dr.reinterpret_array(mi.UInt32, emitter)) > 0

@@ -57,6 +57,12 @@ def scatterer(sigma_t, albedo, theta, phase) -> Scatterer:
                      *(np.array([layout[k] for layout in layouts]) for k in (2, 3)))
 
 
+def of_asset(asset) -> Scatterer:
+    """The medium of an asset, with all of its phase function."""
+    medium = asset.medium
+    return scatterer(medium.sigma_t, medium.albedo, np.asarray(medium.theta, float), medium["phase"])
+
+
 def vacuum(waves) -> Scatterer:
     """What neither scatters nor absorbs, at so many wavelengths."""
     return scatterer(np.zeros(waves), np.zeros(waves), [0, np.pi], np.full((waves, 2), UNIFORM))

@@ -92,10 +92,7 @@ def _is_lamp(shape):
 
 def _numbers(number, count, width):
     """Uniform random numbers (count, width): those of a lamp by its number from 1, of places by 0; alike in all renders."""
-    states, numbers = np.empty(count, np.uint64), np.empty((count, width))
-    wavefront.begin_streams(stream_key(0, "render.solid_angles", number), 0, states)
-    wavefront.draw(states, numbers)
-    return numbers
+    return wavefront.uniforms(wavefront.streams(stream_key(0, "render.solid_angles", number), count), width)
 
 
 def _positions(boundaries, numbers):

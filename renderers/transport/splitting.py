@@ -7,7 +7,6 @@ few paths would show it, each as bright as the lamp.  Reflected paths cost littl
 import drjit as dr
 import numpy as np
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.transport.manifold import numbered, refractive_index
 
 import mitsuba as mi  # isort: skip

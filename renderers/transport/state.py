@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import drjit as dr
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.transport.airlight import Before, Stretch
 from renderers.transport.lamps import Departure
 from renderers.transport.records import Counts

@@ -117,9 +117,7 @@ def thinned(paths, most):
     far = np.flatnonzero(paths.bounces > most)
     if not len(far):
         return paths
-    numbers, states, goes = np.empty((len(far), 1)), paths.states[far], np.ones(paths.count, bool)
-    wavefront.draw(states, numbers)
-    paths.states[far] = states
+    numbers, goes = wavefront.uniforms(paths.states, 1, far), np.ones(paths.count, bool)
     chance = 1 - 1 / paths.bounces[far]
     paths.throughput[far] /= chance[:, None]
     goes[far] = numbers[:, 0] < chance

@@ -36,6 +36,22 @@ def draw(states, out):
             out[i, j] = uniform(states, i)
 
 
+def streams(key, count, first=0) -> np.ndarray:
+    """Random streams (count,) of paths first, first + 1, ..., as `begin_streams`."""
+    states = np.empty(count, np.uint64)
+    begin_streams(key, first, states)
+    return states
+
+
+def uniforms(states, columns, rows=slice(None)) -> np.ndarray:
+    """Uniform numbers (n, columns) in [0, 1), row i from the i-th of all streams, or of some rows."""
+    chosen = states[rows]
+    numbers = np.empty((len(chosen), columns))
+    draw(chosen, numbers)
+    states[rows] = chosen
+    return numbers
+
+
 def branch(states, copies=None):
     """Gives paths that part from others random streams of their own, in the place of theirs (n,).
 

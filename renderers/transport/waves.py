@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers.mitsuba.shading import FAR
+from renderers.mitsuba.shading import FAR, selected
 from renderers.transport import regularised, steps, wavefront
 from renderers.transport.paths import ELSEWHERE, EVENT, REACHED, UNKNOWN, Colours, Paths, follow, joined, of_camera
 from renderers.transport.places import NOWHERE, Places
@@ -62,9 +62,7 @@ class Ahead(NamedTuple):
     grains: np.ndarray
     within: np.ndarray
 
-    def of(self, chosen):
-        """Of some of the paths."""
-        return Ahead(*(field[chosen] for field in self))
+    of = selected
 
 
 class Sums(steps.Sums):
@@ -262,8 +260,7 @@ def at_events(scene, reached, events, sums) -> Paths:
         return reached.of(slice(0, 0))
     paths, firsts = joined([event[1] for event in events]), np.cumsum([0, *(event[1].count for event in events)])
     chance = np.concatenate([np.full(event[1].count, event[3]) for event in events])
-    numbers = np.empty((paths.count, 4))
-    wavefront.draw(paths.states, numbers)
+    numbers = wavefront.uniforms(paths.states, 4)
     drawn = np.flatnonzero(numbers[:, 3] < chance)
     sample, bright = _samples(scene, paths, drawn, numbers, chance)
     bright_paths = paths.of(bright)

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import drjit as dr
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.transport import specular
 from renderers.transport.guides import Looking
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import bakery
+from renderers.scene.meshes import length
 from tests.exr import layers
 
 pytest.importorskip("renderers.mitsuba", exc_type=ImportError)
@@ -68,7 +69,7 @@ def test_a_lossless_surface_vanishes_in_even_light(scene, call):
     assert any("a pixel is" in reason for reason in report["reasons"])
     # of the layer's own walks; between the spread of the thinner layer and that of a half space
     far = math.sqrt(bakery.open(scene.with_name("white.h5")).surface["mean_square"][0, 1]) / 1e3
-    assert 3 < far < 20 and any(f"light leaves it up to {far:.2g} mm (root mean square, by walks)" in reason
+    assert 3 < far < 20 and any(f"light leaves it up to {length(far / 1e3)} (root mean square, by walks)" in reason
                                 for reason in report["reasons"])
 
 

@@ -148,10 +148,11 @@ def test_a_draft_takes_no_long_passes(quality, stated, taken):
 
 def test_a_method_error_above_the_tolerance_is_said():
     """It is kept as it is, and no split claims to hold the tolerance."""
-    values = SimpleNamespace(tolerance=0.05, stop=SimpleNamespace(noise=None))
-    scene = SimpleNamespace(values=values, share=0.5, rules=SimpleNamespace(approximations=lambda values, tolerance: 0.057))
+    values = SimpleNamespace(tolerance=0.05, stop=SimpleNamespace(noise=None), materials=[SimpleNamespace(kind="grains")],
+                             method="vpt")
+    scene = SimpleNamespace(values=values, share=0.5, renderer="renderers.materials.grains")
     split = budget.of(scene)
-    assert split.approximations == 0.057 and len(split.lacking) == 1
-    assert "5.7 %" in split.lacking[0] and "7.6 %" in split.lacking[0]
+    assert split.approximations == 0.264 and len(split.lacking) == 1
+    assert "26 %" in split.lacking[0] and "27 %" in split.lacking[0]
     measured = budget.of(scene, approximations=0.02)
     assert measured.lacking == () and measured.tables**2 + measured.noise**2 == pytest.approx(0.05**2 - 0.02**2)

@@ -34,7 +34,7 @@ def joined(bodies, technique=transport.GRAINS, spread=4.0, albedo=1.0):
             around = np.ones(aggregate.voxels.shape, np.uint8)
         made.append(transport.Body(paths.Explicit(one, around, COLOURS), medium.Continuous(stands, around, COLOURS),
                                    material.radius_of(one)))
-    switch = bundles.Switch(spread) if technique == transport.GRAINS else None
+    switch = spread if technique == transport.GRAINS else None
     return transport.Transport(tuple(made), COLOURS, technique, switch)
 
 
@@ -62,11 +62,10 @@ def test_when_paths_switch():
     pixel = np.array([0, 1, 2, 3, 4, 5, 6])  # of two bundles in a picture 8 wide: four and three paths
     place = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [9, 9, 9], [9, 9, 9], [9, 9, 9]], float)
     spread = np.sqrt((place[:4].var(axis=0)).sum())
-    switch = bundles.Switch(4.0)
     # spread = tau N_k / N times the radius
-    assert np.array_equal(switch.due(pixel, place, np.full(7, spread), (8, 8)), [False] * 7)
-    assert np.array_equal(switch.due(pixel, place, np.full(7, 0.999 * spread), (8, 8)), [True] * 4 + [False] * 3)
-    assert switch.due(pixel[:1], place[:1], np.full(1, 1e9), (8, 8)).all()
+    assert np.array_equal(bundles.due(4.0, pixel, place, np.full(7, spread), (8, 8)), [False] * 7)
+    assert np.array_equal(bundles.due(4.0, pixel, place, np.full(7, 0.999 * spread), (8, 8)), [True] * 4 + [False] * 3)
+    assert bundles.due(4.0, pixel[:1], place[:1], np.full(1, 1e9), (8, 8)).all()
 
 
 # ---- switching

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bakery import kernels
-from renderers.materials.bodies.bodies import solid_shape, untabled
+from renderers.materials.bodies.bodies import solid_shape
 from renderers.materials.grains import material, paths, transport
 from renderers.materials.particles import walk
 from renderers.mitsuba.world import World
@@ -17,6 +17,7 @@ from renderers.mixed.build import Material
 from renderers.mixed.contents import Body
 from renderers.transport import places, regions, waves
 from renderers.transport.paths import Colours
+from renderers.transport.scattering import of_asset
 from tests.odds import sigmas
 from tests.physics.particles import hashed, henyey_greenstein, of_depth
 from tests.physics.test_aggregate import tile
@@ -36,7 +37,7 @@ def moved(mesh, scale, shift):
 
 
 def scatterer(albedo, g, free_path):
-    return untabled(asset(albedo, g, free_path))
+    return of_asset(asset(albedo, g, free_path))
 
 
 def medium(region, albedo, g, free_path, density=None):

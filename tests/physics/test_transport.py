@@ -14,7 +14,7 @@ from bakery.physics.shapes.radial import icosphere
 from renderers import colour
 from renderers.choice import trial
 from renderers.materials.bodies import methods
-from renderers.materials.bodies.bodies import rounded, rounding, untabled
+from renderers.materials.bodies.bodies import rounded, rounding
 from renderers.materials.bodies.declaration import FEW
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
@@ -22,6 +22,7 @@ from renderers.pictures.engine import ORDERS
 from renderers.transport import boundaries, loop, scene, steps, wavefront
 from renderers.transport.media import Media, scattered
 from renderers.transport.paths import Paths
+from renderers.transport.scattering import of_asset
 from renderers.transport.scene import Scene
 from tests.conftest import slow
 from tests.odds import ODDS, sigmas
@@ -167,7 +168,7 @@ def test_scattering_follows_the_phase_functions():
     variants.activate("rgb")
     g = np.array([-0.3, 0.6, 0.9])
 
-    media = Media([untabled(asset(0.5, 0.0)), untabled(asset([0.9, 0.5, 0.7], g))], 1.0)
+    media = Media([of_asset(asset(0.5, 0.0)), of_asset(asset([0.9, 0.5, 0.7], g))], 1.0)
     random = mi.PCG32(1 << 18)
     way, _, weight = scattered(media, mi.UInt32(1), mi.Vector3f(0, 0.6, 0.8), [mi.Float(1.0), mi.Float(0.5), mi.Float(0.25)],
                                [random.next_float32() for _ in range(3)])

@@ -11,11 +11,11 @@ from scipy.ndimage import map_coordinates
 
 from bakery.errors import UsageError
 from bakery.physics.shapes.radial import icosphere
-from renderers.materials.bodies.bodies import untabled
 from renderers.mitsuba import shading, variants
 from renderers.mitsuba.world import World
 from renderers.transport import passes
 from renderers.transport.regions import Box, Everywhere, Grid, Medium, Mesh, Regions, boundary
+from renderers.transport.scattering import of_asset
 from renderers.transport.voxels import Voxels
 from tests.odds import ODDS, sigmas
 from tests.physics.particles import blocks, same
@@ -34,12 +34,12 @@ DENSITY = np.random.default_rng(1).random((5, 6, 7)) ** 2
 
 
 def medium(region, albedo, g, free_path):
-    return Medium(region, untabled(asset(albedo, g, free_path)))
+    return Medium(region, of_asset(asset(albedo, g, free_path)))
 
 
 def body(name, mesh, index, albedo, g, free_path):
     return SimpleNamespace(name=name, vertices=mesh[0].astype(np.float32).astype(float), faces=mesh[1],
-                           medium=untabled(asset(albedo, g, free_path)), matched=index == 1.0)
+                           medium=of_asset(asset(albedo, g, free_path)), matched=index == 1.0)
 
 
 def sensor(origin="0, -19, 5", inside="", size=16):

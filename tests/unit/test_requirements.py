@@ -33,22 +33,22 @@ def measure(value):
     return Knob("measure", value, value, "all", words=("integrated", "pointwise"))
 
 
-def scene_of(stated=0.0, tolerance=0.1, **stop):
+def scene_of(tolerance=0.1, **stop):
     stop = SimpleNamespace(**({"noise": None, "time": None} | stop))
     return SimpleNamespace(values=SimpleNamespace(tolerance=tolerance, stop=stop, measure="picture"), share=budget.HALF,
-                           rules=SimpleNamespace(approximations=lambda values, tolerance: stated))
+                           renderer="")
 
 
-@pytest.mark.parametrize("scene", [scene_of(), scene_of(0.06), scene_of(noise=0.03), scene_of(0.05, noise=0.03),
-                                   scene_of(tolerance=None)])
+@pytest.mark.parametrize(("scene", "stated"), [(scene_of(), None), (scene_of(), 0.06), (scene_of(noise=0.03), None),
+                                               (scene_of(noise=0.03), 0.05), (scene_of(tolerance=None), None)])
 @pytest.mark.parametrize("share", budget.SHARES)
-def test_shares_add_up_in_squares(scene, share):
-    split = budget.of(scene, share)
+def test_shares_add_up_in_squares(scene, stated, share):
+    split = budget.of(scene, share, stated)
     assert split.noise**2 + split.approximations**2 + split.tables**2 == pytest.approx(split.tolerance**2, rel=1e-12)
 
 
 def test_what_is_out_of_reach_is_shared_out_as_if_it_were_not():
-    assert budget.of(scene_of(0.2)).tables == pytest.approx(0.1 / 2**0.5)  # the method alone is off by more
+    assert budget.of(scene_of(), approximations=0.2).tables == pytest.approx(0.1 / 2**0.5)  # the method alone is off by more
     assert budget.of(scene_of(noise=0.2)) == (0.1, 0.0, pytest.approx(0.1 / 2**0.5), 0.2, 0.5, "")
 
 
@@ -154,9 +154,9 @@ def test_what_few_wavelengths_change():
     theta = np.linspace(0, np.pi, 181)
     grey = SimpleNamespace(wavelength=wavelength, sigma_t=np.ones(8), albedo=np.full(8, 0.9), theta=theta,
                            phase=np.full((8, 181), 1 / (4 * np.pi)))
-    assert discrete._of_three(SimpleNamespace(medium=grey, pixel=lambda: 0.0)) < 1e-12
+    assert discrete._of_three(SimpleNamespace(medium=grey, camera=SimpleNamespace(pixel=0.0))) < 1e-12
     violet = SimpleNamespace(**{**vars(grey), "sigma_t": np.eye(8)[0]})
-    assert discrete._of_three(SimpleNamespace(medium=violet, pixel=lambda: 0.0)) > 0.5
+    assert discrete._of_three(SimpleNamespace(medium=violet, camera=SimpleNamespace(pixel=0.0))) > 0.5
 
 
 @pytest.mark.slow

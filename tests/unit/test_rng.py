@@ -96,7 +96,7 @@ def test_renderers_begin_their_streams_by_name():
             name, unnamed = calls(node)[0], f"{path}:{node.lineno} begins a stream without a name"
             if name == "stream_key":
                 begun.append(node.args[1].value)
-            elif name == "begin_streams":
+            elif name in ("begin_streams", "streams"):
                 assert ast.unparse(node.args[0]) == "key" or calls(node)[1:2] == ["stream_key"], unnamed
             elif name == "PCG32":  # of nothing but how many, the same ones each time
                 assert len(node.args) + len(node.keywords) > 1, unnamed

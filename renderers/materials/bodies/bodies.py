@@ -150,13 +150,6 @@ def medium_of(asset) -> Scatterer:
                      np.asarray(asset.medium.theta, float), np.asarray(events["phase"], float))
 
 
-def untabled(asset) -> Scatterer:
-    """The asset's medium with all of its phase function."""
-    medium = asset.medium
-    return scatterer(np.asarray(medium.sigma_t), np.asarray(medium.albedo), np.asarray(medium.theta, float),
-                     np.asarray(medium["phase"], float))
-
-
 def laid_out(world, bodies, wrong) -> tuple[list[Body], Geometry]:
     """Bodies, with `convex` as the scene has it, and the layout for their rays, which pilots and picture share.
 

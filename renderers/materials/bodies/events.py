@@ -78,8 +78,7 @@ def of_walks(setup, entries, places, walks, number, seed) -> Walked:
 
 def _some(paths):
     """(n,) bool, one of `APART` paths; which, is drawn, as their places are spread evenly."""
-    first = np.zeros((min(paths.count, 1), 1))
-    wavefront.draw(paths.states[:1], first)
+    first = wavefront.uniforms(paths.states[:1], 1)
     return np.arange(paths.count) % APART == (first * APART).astype(np.int64).sum()
 
 

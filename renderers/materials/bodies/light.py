@@ -154,10 +154,8 @@ def _entered(setup, number, entries, places, key):
 
 def drawn(key, places):
     """Random streams (places,) of places on a boundary, and their first numbers (places, 10)."""
-    states, numbers = np.empty(places, np.uint64), np.empty((places, 10))
-    wavefront.begin_streams(key, 0, states)
-    wavefront.draw(states, numbers)
-    return states, numbers
+    states = wavefront.streams(key, places)
+    return states, wavefront.uniforms(states, 10)
 
 
 def sampled(setup, body, entries, numbers):
@@ -173,10 +171,8 @@ def refracted(setup, body, point, towards, power, states):
     if body.matched or not paths.count:
         paths.origin[:] += setup.off * paths.direction
         return np.arange(paths.count), paths, power
-    numbers = np.empty((paths.count, 6))
-    wavefront.draw(paths.states, numbers)
-    shading = setup.world.shade(point + LOOK * setup.geometry.scale * towards, -towards, numbers, paths.density, paths.single,
-                              power=True)
+    shading = setup.world.shade(point + LOOK * setup.geometry.scale * towards, -towards, wavefront.uniforms(paths.states, 6),
+                                paths.density, paths.single, power=True)
     paths.origin[:], paths.direction[:] = shading.origin, shading.direction
     goes = np.flatnonzero(shading.hit & (shading.weight > 0).any(axis=1))
     return goes, paths.of(goes), (power * shading.weight[:, :1])[goes]
@@ -230,10 +226,8 @@ def _emitted(setup, rays, number, seed) -> list[tuple[Paths, np.ndarray]]:
 
 def sent(setup, lamp, rays, key) -> tuple[Paths, np.ndarray]:
     """Paths on which a lamp (position in `World.light_names`) sends light, and their power (n, L), W; key : of their streams"""
-    states, numbers = np.empty(rays, np.uint64), np.empty((rays, 5))
-    wavefront.begin_streams(key, 0, states)
-    wavefront.draw(states, numbers)
-    origin, direction, power = setup.world.light_rays(lamp, numbers)
+    states = wavefront.streams(key, rays)
+    origin, direction, power = setup.world.light_rays(lamp, wavefront.uniforms(states, 5))
     ones = np.ones((rays, len(setup.colours.to_waves)))
     return Paths.begun(origin + setup.off * direction, direction, ones, states, np.arange(rays)), \
         power @ setup.colours.to_waves.T / rays
@@ -246,8 +240,7 @@ def _chosen(paths, power, walks):
     """So many paths, drawn in proportion to their power, and the power (n,) W that a weight of 1 stands for."""
     most = power.max(axis=1)
     total = np.cumsum(most)
-    first = np.empty((1, 1))
-    wavefront.draw(paths.states[:1], first)
+    first = wavefront.uniforms(paths.states[:1], 1)
     at = np.minimum(np.searchsorted(total, (np.arange(walks) + first[0, 0]) / walks * total[-1], side="right"), len(total) - 1)
     chosen = paths.of(at)
     chosen.throughput[:] = power[at] / most[at][:, None]

@@ -11,7 +11,7 @@ from bakery.grammar import fields
 from renderers import colour
 from renderers.materials.bodies import beams, chains, dipole, events, light, mutations, refraction, shells, smooth, transport
 from renderers.materials.bodies.bias import CLOSER, SHARPER, TURNS
-from renderers.materials.bodies.bodies import Body, flaws, has_tables, holds, laid_out, medium_of, rounded, solid_shape, untabled
+from renderers.materials.bodies.bodies import Body, flaws, has_tables, holds, laid_out, medium_of, rounded, solid_shape
 from renderers.materials.bodies.declaration import DIFFUSED, FEW, GATHERED, JOINED, MUTATED
 from renderers.materials.bodies.declared import methods
 from renderers.materials.bodies.gather import Gather
@@ -24,6 +24,7 @@ from renderers.scene.budget import percent
 from renderers.scene.declaration import settled
 from renderers.transport import wavefront
 from renderers.transport.paths import Colours
+from renderers.transport.scattering import of_asset
 
 ENTRIES, PICKS, _LEAST, _ALONE = 16384, 64, 4, 32
 _LIT = 1 << 15  # places on each boundary where beams begin that lines of sight meet
@@ -116,8 +117,7 @@ def transport_of(world, names, assets, indices, wrong, name="vrl+tables") -> Tra
                     _UNLIT_METHOD if world.dark else name)
               for number, entry in enumerate(zip(names, assets, indices, strict=True))]
     bodies, geometry = laid_out(world, bodies, wrong)
-    waves = np.asarray(assets[0].wavelength, float)
-    colours = Colours(np.ascontiguousarray(colour.srgb_matrix(waves)), np.ascontiguousarray(colour.spread_matrix(waves)))
+    colours = Colours.of(assets[0].wavelength)
     panes = any(shape.index is not None and shape.smooth and shape.name not in names for shape in shapes)
     lights = world.ideal_lights() if world.without_extent else []
     enclosed = [any(not body.matched and holds(body, light.place) for body in bodies) and not light.distant for light in lights]
@@ -136,7 +136,7 @@ def _body(shapes, name, asset, index, wrong, method):
     """The body that a shape is."""
     shape = solid_shape(shapes, name, index, wrong)
     vertices, faces = shape.vertices, shape.faces
-    medium = medium_of(asset) if has_tables(asset) else untabled(asset)
+    medium = medium_of(asset) if has_tables(asset) else of_asset(asset)
     declared = methods()[method]
     if fault := _too_wide(name, vertices, faces, smooth.reduced(medium), declared):
         raise wrong("where.shape", fault)
@@ -344,9 +344,8 @@ class _Passes:
         rows = 1 << (several.bit_length() - 1) // 2
         columns = several // rows
         y, x = np.indices(self._size)
-        states, numbers = np.empty(height * width, np.uint64), np.empty((height * width, 1))
-        wavefront.begin_streams(kernels.stream_key(self._seed, "render.shares", number), 0, states)
-        wavefront.draw(states, numbers)
+        states = wavefront.streams(kernels.stream_key(self._seed, "render.shares", number), height * width)
+        numbers = wavefront.uniforms(states, 1)
         drawn = np.floor(several * numbers[y // rows * -(-width // columns) + x // columns, 0])
         return y % rows * columns + x % columns == drawn
 

@@ -60,9 +60,8 @@ def thinned(every, counts, share=1.0) -> tuple[np.ndarray, Paths]:
 
     every : `Paths`, of which each draws a number;  counts : (n,) bool, of which
     """
-    numbers, chance = np.empty((every.count, 1)), share * np.minimum(every.throughput.max(axis=1) / _WEAK, 1.0)
-    wavefront.draw(every.states, numbers)
-    rows = np.flatnonzero(counts & (numbers[:, 0] < chance))
+    chance = share * np.minimum(every.throughput.max(axis=1) / _WEAK, 1.0)
+    rows = np.flatnonzero(counts & (wavefront.uniforms(every.states, 1)[:, 0] < chance))
     chosen = every.of(rows)
     chosen.throughput[:] /= chance[rows, None]
     return rows, chosen

@@ -18,11 +18,6 @@ EXACT, KEPT, POINTS = declaration.points(METHODS)
 PACE = 3e-4  # s of a core that a pixel takes to a relative variance of 1: 1e-4 to 3e-3 in shipped scenes
 
 
-def approximations(values, tolerance: float) -> float:
-    """Error that the method states."""
-    return METHODS[values.method].error(tolerance)
-
-
 def problems(root: Mapping, values: dict) -> Iterator[Problem]:
     """What has to hold between keys of the entries, which have one method."""
     yield from declaration.unused(root, values, METHODS)

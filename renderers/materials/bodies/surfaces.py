@@ -66,8 +66,7 @@ def shaded(transport, paths, sums, power=False):
     """
     if not paths.count:
         return paths
-    numbers = np.empty((paths.count, 6))
-    wavefront.draw(paths.states, numbers)
+    numbers = wavefront.uniforms(paths.states, 6)
     seen = splits(paths)
     if not seen.any():
         return _turned(transport, paths, _shade(transport, paths, numbers, power), sums)

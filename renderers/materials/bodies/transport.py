@@ -141,9 +141,8 @@ def _at_events(transport, number, paths, start, sums):
 
 def _add_light(transport, medium, paths, sums):
     """Adds what light samples send by way of events."""
-    numbers, added = np.empty((paths.count, 3)), np.empty((paths.count, 3))
-    wavefront.draw(paths.states, numbers)
-    sample = transport.world.lights(paths.origin, numbers, hidden=False)
+    added = np.empty((paths.count, 3))
+    sample = transport.world.lights(paths.origin, wavefront.uniforms(paths.states, 3), hidden=False)
     towards, bright = sample.direction.astype(float), (sample.radiance > 0).any(axis=1)
     passed = transmittance(transport, paths.origin, towards, sample.distance, bright)
     sample, points = sample._replace(direction=towards), of_one_component(paths.count)

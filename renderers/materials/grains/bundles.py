@@ -5,35 +5,27 @@ sample of a pass.
 """
 
 import copy
-from typing import NamedTuple
 
 import numpy as np
 
 EDGE = 4  # pixels of a bundle's square
 
 
-class Switch(NamedTuple):
-    """
+def due(spread, pixel, grain, radius, size):
+    """Whether each of n paths is to switch at its next grain (n,) bool.
+
     spread : in radii of the largest sphere, beyond which the paths of a bundle switch (tau of the paper)
+    pixel : (n,), as `by_bundle` counts them;  radius : (n,) m
+    grain : (n, 3) m, where they met their last grains, all the same number
+    size : height and width of the picture
+
+    Source: eq. 5; the standard deviation is the root of the covariance's trace, over the paths that are left.
     """
-
-    spread: float = 4.0
-
-    def due(self, pixel, grain, radius, size):
-        """Whether each of n paths is to switch at its next grain (n,) bool.
-
-        pixel : (n,), as `by_bundle` counts them;  radius : (n,) m
-        grain : (n, 3) m, where they met their last grains, all the same number
-        size : height and width of the picture
-
-        Source: eq. 5; the standard deviation is the root of the covariance's trace, over the paths that are left.
-        """
-        which, number = np.unique(_bundle(pixel, *size), return_inverse=True)
-        remaining = np.bincount(number, minlength=len(which))
-        about = np.stack([np.bincount(number, grain[:, k], len(which)) / remaining for k in range(3)], axis=1)
-        square = np.bincount(number, ((grain - about[number]) ** 2).sum(axis=1), len(which)) / remaining
-        spread = np.sqrt(square)[number] > self.spread * radius * (remaining / EDGE**2)[number]
-        return spread | (remaining == 1)[number]
+    which, number = np.unique(_bundle(pixel, *size), return_inverse=True)
+    remaining = np.bincount(number, minlength=len(which))
+    about = np.stack([np.bincount(number, grain[:, k], len(which)) / remaining for k in range(3)], axis=1)
+    square = np.bincount(number, ((grain - about[number]) ** 2).sum(axis=1), len(which)) / remaining
+    return (np.sqrt(square)[number] > spread * radius * (remaining / EDGE**2)[number]) | (remaining == 1)[number]
 
 
 def as_close(world):

@@ -122,9 +122,7 @@ def meetings(surfaces, paths, at, limit):
         rows = np.flatnonzero(np.isfinite(t))
         comes_in[rows, body] = t[rows]
         first[rows] = np.minimum(first[rows], surface.beside(t[rows], direction[rows], normal[rows]))
-        numbers, states = np.empty((len(rows), 1)), paths.states[at[rows]]
-        wavefront.draw(states, numbers)
-        paths.states[at[rows]] = states
+        numbers = wavefront.uniforms(paths.states, 1, at[rows])
         is_turned = rows[numbers[:, 0] < surface.chance(origin[rows] + t[rows, None] * direction[rows])]
         turned[is_turned, body] = t[is_turned]
     return comes_in, turned, first

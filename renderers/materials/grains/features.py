@@ -5,7 +5,7 @@ import numpy as np
 from renderers.mitsuba import variants
 from renderers.pictures.denoise import Features
 from renderers.transport import features, regions
-from renderers.transport.scattering import scatterer
+from renderers.transport.scattering import of_asset
 
 _PLACES = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])  # in a pixel, row and column
 _OF_DRAFTS = np.array([[0.5, 0.5]])  # a quarter of the rays, and edges between grains as rough as the picture's own
@@ -31,7 +31,7 @@ def first_hits(world, scene, assets, meshes, seed, quality=None, seen=None) -> F
     which stands for them that counts, and that has no normals.  Pixels show detail where grains are wider than they are, all
     of it where they are four times as wide.
     """
-    media = [regions.Medium(regions.Mesh(*mesh), _scatterer(asset)) for asset, mesh in zip(assets, meshes)]
+    media = [regions.Medium(regions.Mesh(*mesh), of_asset(asset)) for asset, mesh in zip(assets, meshes)]
     # a graphics card traces rays through one scene at a time, and each mesh is one (`regions.boundary`): there what stands behind
     # the medium is seen in its place
     around = features.first_hits(world, [] if variants.on_gpu(world.variant) else media, scene.colours, seed)
@@ -74,12 +74,6 @@ def of_grains(world, bodies, albedo, around, at=_PLACES) -> Features:
 def albedos(media, colours):
     """(media, 3) linear sRGB, 0 to 1, of a scattering in each `regions.Medium`."""
     return np.clip([colours.to_rgb @ (medium.scatterer.albedo * colours.to_waves.sum(axis=1)) for medium in media], 0, 1)
-
-
-def _scatterer(asset):
-    medium = asset.medium
-    return scatterer(np.asarray(medium.sigma_t), np.asarray(medium.albedo), np.asarray(medium.theta, float),
-                     np.asarray(medium["phase"], float))
 
 
 def _at(world, grains, offset):

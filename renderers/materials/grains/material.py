@@ -52,9 +52,9 @@ def largest_of(asset) -> float:
     return _unit(asset, tile) * float(np.max(tile.radii))
 
 
-def pixels_wide(world, triangles, radius) -> float:
-    """Diameter of grains of a radius, m, at the nearest point of a mesh, triangles (F, 3, 3) m, in pixels."""
-    return 2 * radius / (world.camera.pixel * max(distance(world.camera.origin, triangles), radius))
+def pixels_wide(view, triangles, radius) -> float:
+    """Diameter of grains of a radius, m, at the nearest point of a mesh, triangles (F, 3, 3) m, in pixels of a view's camera."""
+    return 2 * radius / (view.camera.pixel * max(distance(view.camera.origin, triangles), radius))
 
 
 def distance(point, triangles) -> float:

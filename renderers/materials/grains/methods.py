@@ -153,7 +153,7 @@ def transport_of(name, world, assets, meshes, grains, asked=PLAIN):
     angle = cone(declared, asked.widen, world, assets, meshes)
     for asset in assets:
         reasons += material.reasons_of_medium(asset) if declared.continuous else material.reasons_of(asset, angle)
-    switch = bundles.Switch(asked.spread) if declared.switches else None
+    switch = asked.spread if declared.switches else None
     start = MEDIUM if declared.continuous else GRAINS
     leaves_out = [] if declared.surface_far else filter(None, [declared.leaves_out])  # of which parts `far` tells
     return Transport(tuple(bodies), colours, start, switch, angle=angle), list(dict.fromkeys([*leaves_out, *reasons]))

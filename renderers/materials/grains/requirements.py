@@ -92,11 +92,9 @@ def _radius(about):
 
 def _pixels_farthest(about):
     """Diameter of the largest grain at the farthest corner of its bodies, pixels."""
-    if about.world.camera is None:
-        raise about.scene.no_camera()
     corners = np.concatenate([meshes.of_entry(about.scene, number)[0] for number in about.bodies])
-    farthest = float(np.max(np.linalg.norm(corners - about.world.camera.origin, axis=1)))
-    return 2 * _radius(about) / max(about.world.camera.pixel * farthest, 1e-30)
+    farthest = float(np.max(np.linalg.norm(corners - about.camera.origin, axis=1)))
+    return 2 * _radius(about) / max(about.camera.pixel * farthest, 1e-30)
 
 
 def _pixels(about):
@@ -104,12 +102,10 @@ def _pixels(about):
     from renderers.materials.grains import local, material
 
     radius, widest = _radius(about), 0.0
-    if about.world.camera is None:
-        raise about.scene.no_camera()
     for number in about.bodies:
         vertices, faces = meshes.of_entry(about.scene, number)
         local.check(about.scene, number, vertices)
-        widest = max(widest, material.pixels_wide(about.world, vertices[faces], radius))
+        widest = max(widest, material.pixels_wide(about, vertices[faces], radius))
     return widest
 
 

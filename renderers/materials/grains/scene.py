@@ -18,11 +18,6 @@ EXACT, KEPT, POINTS = declaration.points(METHODS)
 PACE = 3e-4  # s of a core that a pixel takes to a relative variance of 1: 3e-5 to 8e-4 in shipped scenes
 
 
-def approximations(values, tolerance: float) -> float:
-    """Error of the method; of `auto` the most that it lets itself have, before it has measured it."""
-    return METHODS[values.method].error(tolerance)
-
-
 def problems(root: Mapping, values: dict) -> Iterator[Problem]:
     """What has to hold between keys of the entries, which have one method."""
     yield from declaration.unused(root, values, METHODS)

@@ -17,6 +17,7 @@ import numpy as np
 from bakery.kernels import CONDUCTOR, DIELECTRIC, DIFFUSE
 from renderers.materials.grains.listed import exemplar_mesh, listed
 from renderers.materials.grains.paths import Explicit
+from renderers.mitsuba.shapes import mesh
 from renderers.transport import loop, passes, regularised, state
 from renderers.transport.scene import View
 
@@ -122,15 +123,11 @@ class Scene(View):
             of_grain.append(np.concatenate([np.tile([[1 + kind], [numbers[name]]], len(radius)), [radius], centre.T]))
         kind, shape, radius, *centre = np.concatenate(of_grain, axis=1)
         self._of_shape = [mi.UInt32(column) for column in of_shape]
-        self._kind, self._shape = (mi.UInt32(column.astype(np.uint32)) for column in (kind, shape))
+        self.kind_of, self._shape = (mi.UInt32(column.astype(np.uint32)) for column in (kind, shape))
         self._balls = [mi.Float(column.astype(np.float32)) for column in (radius, *centre)]
         away = np.linalg.norm(np.array(centre) - (np.asarray(world.camera.origin) / world.unit)[:, None], axis=0)
         self.around_camera = int(np.argmax(away < radius))
         self._clear = self.around_camera > 0 or bool(np.any(clear[kind.astype(int)] & (radius > 0)))
-
-    def kind_of(self, number):
-        """Types, from 1, of grains by their numbers; 0 of none."""
-        return dr.gather(mi.UInt32, self._kind, number)
 
     def way_out(self, number, origin, direction):
         """Distances at which rays leave balls that they are in, by their numbers; inf where that is no ball."""
@@ -159,7 +156,7 @@ class Scene(View):
 
     def _to_ball(self, ray, hit, active):
         """Distances to what is hit: `ellipsoids` says them with an error of 3 % of a radius where balls are far and small."""
-        number, _ = self._numbered(hit, active & hit.is_valid())
+        number, _ = self.met(hit, active & hit.is_valid())
         radius, *centre = (dr.gather(mi.Float, column, number) for column in self._balls)
         to = mi.Point3f(centre) - ray.o
         along = dr.dot(to, ray.d)
@@ -179,12 +176,8 @@ class Scene(View):
         """Numbers of the grains in which paths go on from surfaces; 0 in none."""
         return dr.select(meeting.number > 0, dr.select(towards.z < 0, meeting.number, 0), path.inside)
 
-    def met(self, surface, active):
-        """Numbers, from 1, and types, from 1, of the grains that are met; 0 of other surfaces."""
-        return self._numbered(surface, active)
-
-    def _numbered(self, hit, active):
-        """As `met`, of anything that has a shape and the index of a primitive."""
+    def met(self, hit, active):
+        """Numbers, from 1, and types, from 1, of the grains that are met; 0 of other surfaces; hit : with shape and primitive"""
         shape = dr.reinterpret_array(mi.UInt32, hit.shape)
         first, kind, parts = (dr.gather(mi.UInt32, column, shape, active) for column in self._of_shape)
         return dr.select(kind > 0, first + hit.prim_index // dr.maximum(parts, 1), 0), kind
@@ -241,7 +234,8 @@ def _shapes(grains, unit, first):
             vertices, faces = np.unique(corners.reshape(-1, 3).astype(np.float32), axis=0, return_inverse=True)
             placed = np.einsum("nab,vb->nva", radius[:, None, None] * turn, vertices) + centre[:, None]
             every = faces.reshape(-1) + len(vertices) * np.arange(len(radius))[:, None]
-            shape, parts, radius = _mesh(placed.reshape(-1, 3), every.reshape(-1, 3), bsdf), len(corners), 0 * radius
+            shape = mesh("grains", placed.reshape(-1, 3), every.reshape(-1, 3), bsdf)
+            parts, radius = len(corners), 0 * radius
         shapes[f"grains_{first + kind}"] = Packed(shape, first + kind, parts, centre, radius)
     return shapes
 
@@ -268,17 +262,6 @@ def _bsdf(surface, index, roughness):
     return {"type": "roughdielectric" if rough else "dielectric", "int_ior": float(index), "ext_ior": 1.0} | rough
 
 
-def _mesh(vertices, faces, bsdf):
-    """Mitsuba's mesh."""
-    properties = mi.Properties()
-    properties["mesh_bsdf"] = bsdf
-    mesh = mi.Mesh("grains", len(vertices), len(faces), props=properties)
-    values = mi.traverse(mesh)
-    values["vertex_positions"], values["faces"] = vertices.astype(np.float32).ravel(), faces.astype(np.uint32).ravel()
-    values.update()
-    return mesh
-
-
 def fit(world, bodies) -> bool:
     """Whether grains that paths meet one by one, `renderers.materials.grains.paths.Explicit` of all bodies, can be shapes of a
     world."""
@@ -292,7 +275,9 @@ def fit(world, bodies) -> bool:
         table, grains = body.grains.exemplars.table, body.grains
         if np.any((table[:, 0] == DIELECTRIC) & (table[:, 1] == 1.0) & (table[:, 2] > 0.0)):  # Mitsuba has no such facets
             return False
-        if _OFF * _reach(grains) > _OFF_RADIUS * grains.aggregate.radii.min() or not _near(world, grains):
+        aggregate = grains.aggregate
+        reach = np.abs([aggregate.low, aggregate.low + aggregate.voxels.shape * aggregate.edge]).max() + aggregate.radii.max()
+        if _OFF * reach > _OFF_RADIUS * aggregate.radii.min() or not _near(world, grains):
             return False
         numbers = np.bincount(listed(grains).kind, minlength=len(table))
         balls += int(numbers[table[:, 3] > 0.0].sum())
@@ -300,12 +285,6 @@ def fit(world, bodies) -> bool:
         triangles += sum(int(number) * len(exemplar_mesh(grains, kind)) for kind, number in enumerate(numbers)
                          if number and table[kind, 3] == 0.0)
     return balls <= _BALLS and clear <= _CLEAR and triangles <= _TRIANGLES
-
-
-def _reach(grains):
-    """Largest coordinate of a body, in units."""
-    aggregate = grains.aggregate
-    return np.abs([aggregate.low, aggregate.low + aggregate.voxels.shape * aggregate.edge]).max() + aggregate.radii.max()
 
 
 def _near(world, grains):
@@ -343,7 +322,7 @@ def advance(scene, path, records=None):
     surface = hit.compute_surface_interaction(ray, mi.RayFlags.All, path.alive)
     number, kind = scene.met(surface, meets)
     leaves = dr.dot(ray.d, surface.n) > 0
-    around = dr.select(kind > 0, dr.select(leaves, kind, 0), scene.kind_of(path.inside))
+    around = dr.select(kind > 0, dr.select(leaves, kind, 0), dr.gather(mi.UInt32, scene.kind_of, path.inside))
     path.throughput = scene.absorbed(path.throughput, around, dr.select(meets, hit.t, 0))
     path.order += dr.select((number > 0) & (number != path.grain), mi.UInt32(1), mi.UInt32(0))
     path.grain = number

@@ -77,8 +77,7 @@ def flights(aggregate, *, exponential=False) -> _teleport.Flights:
     if exponential:
         chord = -np.log1p(-(np.arange(_CHORDS) + 0.5) / _CHORDS)
     else:
-        states, chord = np.empty(_CHORDS, np.uint64), np.empty(_CHORDS)
-        wavefront.begin_streams(stream_key(0, "render.chords"), 0, states)
+        states, chord = wavefront.streams(stream_key(0, "render.chords"), _CHORDS), np.empty(_CHORDS)
         run(_teleport.chords, _CHORDS, aggregate, area, _LIMIT * mean, states, chord)
         chord.sort()
     void = chord.reshape(-1, _EACH).mean(axis=1)

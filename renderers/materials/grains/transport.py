@@ -45,7 +45,7 @@ class Transport(NamedTuple):
 
     bodies : tuple of `Body`;  colours : `Colours`
     technique : with which paths begin, GRAINS or MEDIUM
-    switch : `bundles.Switch`, or None where paths do not switch
+    switch : `spread` of `bundles.due`, or None where paths do not switch
     surfaces : `far.Surface` of each body; None where no body is one far from the camera
     angle, chord : of `regularised`, by which smooth grains show small lamps wider: at the first sample, of a pass; 0: as they are
     share : of the paths, that goes on after the switch, or, where paths do not, after `late` grains
@@ -54,7 +54,7 @@ class Transport(NamedTuple):
     bodies: tuple[Body, ...]
     colours: Colours
     technique: int = GRAINS
-    switch: bundles.Switch | None = None
+    switch: float | None = None
     surfaces: tuple[far.Surface, ...] | None = None
     angle: float = 0.0
     chord: float = 0.0
@@ -87,10 +87,6 @@ class Sums(steps.Sums):
         pixel = paths.pixel % self.pixels
         wavefront.accumulate(added, paths.order, light, pixel, self.by_order, self.by_light)
         wavefront.accumulate(added, paths.technique, light, pixel, self.by_technique, self.by_light[:0])
-
-    def add_switches(self, paths):
-        """Of paths that switch: grains met, and that they do."""
-        np.add.at(self.switched, paths.pixel % self.pixels, np.stack([paths.order, paths.order > -1, 0 * paths.order], axis=1))
 
     def average(self):
         """Makes means over the samples of the sums."""
@@ -151,9 +147,7 @@ def _begin(transport, camera, corners, pixel, key, first):
 
 def _thinned(paths, share):
     """A share of the paths, by chance, each of which counts for others."""
-    numbers = np.empty((paths.count, 1))
-    wavefront.draw(paths.states, numbers)
-    paths = paths.of(numbers[:, 0] < share)
+    paths = paths.of(wavefront.uniforms(paths.states, 1)[:, 0] < share)
     paths.throughput[:] /= share
     return paths
 
@@ -171,7 +165,7 @@ def _until_switched(world, transport, paths, size, sums):
             paths = paths.of(paths.technique == GRAINS)
         paths = joined(waiting)
         radius = np.array([body.radius for body in transport.bodies])[paths.body]
-        paths.switching[:] |= transport.switch.due(paths.pixel, paths.last, radius, size)
+        paths.switching[:] |= bundles.due(transport.switch, paths.pixel, paths.last, radius, size)
     return joined(switched)
 
 
@@ -247,8 +241,8 @@ def _let_in(transport, technique, point, direction, distance, off=False):
 
 def _switched(world, transport, paths, sums):
     """Parts of paths that go on in the medium, with a scattering where they have met a grain."""
-    sums.add_switches(paths)
-    parts = []
+    parts, ones = [], np.ones(paths.count, int)
+    np.add.at(sums.switched, paths.pixel % sums.pixels, np.stack([paths.order, ones, 0 * ones], axis=1))
     if not paths.count or sums.which == BEFORE:
         return parts
     if sums.which == AFTER and transport.share < 1:
@@ -269,9 +263,7 @@ def _at_events(world, transport, interactor, paths, event, sums):
     n = paths.count
     if n == 0 or sums.skips(paths):
         return _turned(interactor, paths, event)
-    numbers, added = np.empty((n, 3)), np.empty((n, 3))
-    wavefront.draw(paths.states, numbers)
-    sample = world.lights(paths.origin, numbers)
+    sample, added = world.lights(paths.origin, wavefront.uniforms(paths.states, 3)), np.empty((n, 3))
     lighted = paths
     if len(transport.bodies) > 1:
         passed = transmittance(transport, paths.technique[0], paths.origin, sample.direction, sample.distance, paths.body[0])
@@ -295,9 +287,7 @@ def _at_baked_surface(world, transport, paths, body, sums):
     distance, normal = surface.boundary.entries(paths.origin, paths.direction, np.full(n, np.inf))
     paths.origin[:] += distance[:, None] * paths.direction
     if n and not sums.skips(paths):
-        numbers = np.empty((n, 3))
-        wavefront.draw(paths.states, numbers)
-        sample = world.lights(paths.origin, numbers)
+        sample = world.lights(paths.origin, wavefront.uniforms(paths.states, 3))
         rows = np.flatnonzero((sample.radiance > 0).any(axis=1) & (np.sum(sample.direction * normal, axis=1) > 0))
         facing, sample = paths.of(rows), sample.of(rows)
         towards = sample.direction.astype(float)

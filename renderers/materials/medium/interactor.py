@@ -72,9 +72,7 @@ class Medium:
         far = np.linalg.norm(paths.origin - middle, axis=1)
         at = np.flatnonzero((status == EVENT) & (far > radius))
         chance = np.minimum(1.0, paths.throughput[at].max(axis=1) * np.exp(self._decay * (radius - far[at])) * radius / far[at])
-        numbers, states = np.empty((len(at), 1)), paths.states[at]
-        wavefront.draw(states, numbers)
-        paths.states[at] = states
+        numbers = wavefront.uniforms(paths.states, 1, at)
         paths.throughput[at] /= np.maximum(chance, 1e-300)[:, None]
         status[at[numbers[:, 0] >= chance]] = ENDED
 

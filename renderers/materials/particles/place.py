@@ -33,7 +33,10 @@ def region_of(scene, group, number=0) -> kernels.Region:
         raise scene.wrong(key, "found a mesh or a grid, but the asset's places are stored; an asset with "
                           "method: procedural would do, or a recipe whose discrete section has the mesh or the grid")
     if hasattr(where, "mesh"):
-        return _of_mesh(scene, key, number)
+        try:
+            return kernels.region_mesh(*meshes.of_entry(scene, number))
+        except ValueError as fault:
+            raise scene.wrong(f"{key}.mesh", fault) from None
     values, lo, hi = grids.relative(scene, key, where)
     return kernels.region_grid(lo, hi, values)
 
@@ -50,13 +53,6 @@ def _own(group):
     if "mesh_vertices" in group:
         return kernels.region_mesh(group.mesh_vertices, group.mesh_faces)
     return kernels.region_box(zero, box)
-
-
-def _of_mesh(scene, key, number):
-    try:
-        return kernels.region_mesh(*meshes.of_entry(scene, number))
-    except ValueError as fault:
-        raise scene.wrong(f"{key}.mesh", fault) from None
 
 
 def check_motion(scene, group, region, number=0):

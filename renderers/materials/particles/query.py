@@ -65,10 +65,8 @@ class Query:
     def scattered(self, world, paths, kind, point, sums):
         """Scattering by the particles of the query sphere, and light from a lamp by way of them."""
         n = paths.count
-        numbers = np.empty((n, 3))
-        wavefront.draw(paths.states, numbers)
-        run(_scatter, n, self.medium, self.cylinder, point, paths, world.lights(point, numbers), sums.by_order,
-            sums.by_light)
+        sample = world.lights(point, wavefront.uniforms(paths.states, 3))
+        run(_scatter, n, self.medium, self.cylinder, point, paths, sample, sums.by_order, sums.by_light)
         return paths._replace(origin=point, left_out=np.full((n, 3), np.nan), single=np.zeros(n, bool),
                               splatted=np.zeros(n, bool))
 

@@ -61,7 +61,7 @@ def _sharp(about):
     angles = about.world.light_angles(about.world.camera.origin if box is None else np.mean(box, axis=0))
     if np.min(angles) >= math.pi / _BINS:
         return 0.0
-    return 1.0 if box is None else seen.share(about.world, about.medium, seen.Box(*box), 0.5 * about.pixel())
+    return 1.0 if box is None else seen.share(about.world, about.medium, seen.Box(*box), 0.5 * about.camera.pixel)
 
 
 # ---- wavelengths
@@ -84,7 +84,7 @@ def _of_three(about):
 
     Of means over some degrees, as particles of many sizes in the light of lamps are seen by.
     """
-    medium, peak = about.medium, 0.5 * about.pixel()
+    medium, peak = about.medium, 0.5 * about.camera.pixel
     waves, three = np.asarray(medium.wavelength), np.array(_RGB)
     theta = medium.theta
     spectrum = (medium.sigma_t * medium.albedo)[:, None] * medium.phase  # (L, A)
@@ -112,7 +112,7 @@ def _apart(about):
         return "the renderer reads it"
     lo, hi = box
     farthest = float(np.linalg.norm(np.maximum(abs(lo - about.world.camera.origin), abs(hi - about.world.camera.origin))))
-    seen = number * about.pixel() ** 2 * farthest**3 / 3
+    seen = number * about.camera.pixel**2 * farthest**3 / 3
     depth = float(np.max(about.medium.sigma_t)) * float((hi - lo).max())
     return f"a pixel sees {seen:.2g} particles up to {farthest:.3g} m, so that they " \
            f"{'can be told apart' if seen < 1 / (0.5 * about.tolerance) ** 2 else 'are told apart where they are near'}; " \

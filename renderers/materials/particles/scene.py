@@ -18,11 +18,6 @@ EXACT, KEPT, POINTS = declaration.points(METHODS)
 PACE = 5e-4
 
 
-def approximations(values, tolerance: float) -> float:
-    """Error that the method states."""
-    return METHODS[values.method].error(tolerance)
-
-
 def problems(root: Mapping, values: dict) -> Iterator[Problem]:
     """What has to hold between keys of the one entry."""
     yield from declaration.unused(root, values, METHODS)

@@ -34,10 +34,7 @@ def share(world, medium, box, peak) -> float:
     """
     pixel = _probes(*world.size)
     origin, direction = world.camera_rays(np.full(pixel.shape, 0.5), pixel)
-    states = np.empty(len(pixel) * _DEPTHS, np.uint64)
-    wavefront.begin_streams(stream_key(0, "render.seen"), 0, states)
-    numbers = np.empty((len(states), 6))
-    wavefront.draw(states, numbers)
+    numbers = wavefront.uniforms(wavefront.streams(stream_key(0, "render.seen"), len(pixel) * _DEPTHS), 6)
     behind = _surfaces(world, origin, direction, numbers[:len(pixel)])
     light = _scattered(world, medium, box, peak, origin, direction, numbers)
     mean = float(np.mean(light + behind))

@@ -26,7 +26,7 @@ from bakery.system.compiled import njit
 from renderers.materials.particles import _transport, shadow
 from renderers.materials.particles._transport import Guide, Walk, Ways
 from renderers.materials.particles.box import column
-from renderers.mitsuba.world import FAR, LightSample
+from renderers.mitsuba.shading import FAR, LightSample, selected
 from renderers.threads import run
 from renderers.transport import steps, wavefront
 from renderers.transport.paths import Paths
@@ -104,9 +104,7 @@ class Pencils(NamedTuple):
     pixel: np.ndarray
     states: np.ndarray
 
-    def of(self, chosen):
-        """Some of them."""
-        return Pencils(*(field[chosen] for field in self))
+    of = selected
 
 
 class View:
@@ -219,9 +217,8 @@ def _add(world, discs, view, chunk, discrete, streams, by_order, by_light):
     """Adds the particles of one chunk to the picture; `streams` are (seed, pass, chunk)."""
     (medium, plan), n = discs, len(chunk.kind)
     seed, number, serial = streams
-    numbers, states, pencils_of = np.empty((n, 4)), np.empty(n, np.uint64), np.empty(n, np.int64)
-    wavefront.draw(chunk.identity ^ stream_key(seed, "render.aims"), numbers)  # the same in all passes
-    wavefront.begin_streams(stream_key(seed, "render.splat", number, serial), 0, states)
+    numbers = wavefront.uniforms(chunk.identity ^ stream_key(seed, "render.aims"), 4)  # the same in all passes
+    states, pencils_of = wavefront.streams(stream_key(seed, "render.splat", number, serial), n), np.empty(n, np.int64)
     run(_pencils, n, medium.discs.largest, view.origin, view.area, view.axis, chunk.place, chunk.kind, pencils_of)
     who = np.repeat(np.arange(n), pencils_of)
     points, kind, numbers, m = chunk.place[who], chunk.kind[who], numbers[who], len(who)
@@ -273,8 +270,7 @@ def _light(world, discs, view, particles, pencils, chance, picture, by_light):
         return
     pencils.throughput[:] /= plan.samples
     for _ in range(plan.samples):
-        numbers = np.empty((m, 4))
-        wavefront.draw(pencils.states, numbers)
+        numbers = wavefront.uniforms(pencils.states, 4)
         samples = [(slice(None), world.lights(particles[1], numbers[:, :3]))]
         if world.extended and len(chosen := np.flatnonzero(numbers[:, 3] < _FOLLOWED)):
             samples.append((chosen, _followed(world, medium, particles, pencils, chosen)))

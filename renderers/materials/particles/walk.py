@@ -16,7 +16,7 @@ from renderers import colour
 from renderers.materials.particles import _transport, shadow
 from renderers.materials.particles._transport import Guide, Walk, Ways
 from renderers.materials.particles.box import absorb
-from renderers.mitsuba.world import FAR
+from renderers.mitsuba.shading import FAR, selected
 from renderers.threads import run
 from renderers.transport import steps, wavefront
 from renderers.transport.paths import Paths, follow, joined, of_camera
@@ -48,9 +48,7 @@ class Squares(NamedTuple):
         number = np.concatenate([np.zeros(len(side), np.int64), 1 + np.arange(len(others)) - np.searchsorted(others, others)])
         return cls(pixel, number, side[pixel])
 
-    def of(self, rows) -> "Squares":
-        """Some of them, by an index of arrays."""
-        return Squares(*(values[rows] for values in self))
+    of = selected
 
 
 class Discs:
@@ -80,8 +78,7 @@ class Discs:
         n, medium = paths.count, self.medium
         particle = kind < len(medium.albedo) - 1
         first = (paths.bounces == 0) & particle & self.splatted
-        numbers = np.empty((n, 6 if self.eye is None else 8))
-        wavefront.draw(paths.states, numbers)
+        numbers = wavefront.uniforms(paths.states, 6 if self.eye is None else 8)
         # two places on lights, in one call: one to connect to, and one whose direction guides the path
         samples = world.lights(np.concatenate([point, point]), np.concatenate([numbers[:, :3], numbers[:, 3:6]]))
         sample, guide_sample = (samples.of(part) for part in (slice(n), slice(n, None)))
@@ -238,8 +235,7 @@ def _at_surfaces(world, method, paths, sums):
         if method.eye is None:
             return paths.throughput, order
         # what light sampling finds from the same places counts as much
-        numbers = np.empty((paths.count, 2))
-        wavefront.draw(paths.states, numbers)
+        numbers = wavefront.uniforms(paths.states, 2)
         far = np.where(shading.hit, np.sqrt(((shading.point - paths.origin) ** 2).sum(axis=1)), FAR)
         once, light = paths.bounces == 1, (paths.origin, paths.direction, far)
         arriving = _together(method, once & (paths.order == 0), *light)

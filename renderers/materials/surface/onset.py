@@ -13,6 +13,7 @@ import numpy as np
 from renderers.materials.surface import far
 from renderers.scene import budget
 from renderers.scene.budget import percent
+from renderers.scene.meshes import length
 from renderers.transport import solids
 from renderers.transport.far import chance
 
@@ -93,14 +94,6 @@ def in_words(number, begins: Onset, paths="paths", into="it") -> str:
     return (f"materials[{number}]: paths go into {into} near the camera, and its surface sends light on far from it; it changes "
             f"{where}. {percent(begins.share)} of what the camera sees of it is its surface, and an error of "
             f"{percent(begins.error)} of its light is expected of that, but for caustics and other edges of indirect light")
-
-
-def length(metres: float) -> str:
-    """For people."""
-    for unit, scale in (("um", 1e-6), ("mm", 1e-3)):
-        if metres < 1e3 * scale:
-            return f"{float(f'{metres / scale:.2g}'):g} {unit}"
-    return f"{metres:.3g} m"
 
 
 def unfit(entry, asset, world) -> str:

@@ -12,20 +12,15 @@ def passes(setup, tolerance, seed) -> Passes:
     from renderers.materials.particles import detail
 
     depth = detail.depths(setup.world, setup.medium, setup.world.camera, *setup.world.size, tolerance, seed)
-    reasons = _detail(depth, tolerance),
+    reasons = (f"{100 * float(np.mean(depth > 0)):.3g} % of the pixels show particles as particles; elsewhere, and beyond the "
+               f"depths of layer detail, they deviate from the continuous medium by less than {100 * tolerance:.2g} %; "
+               "scattering after the first is the continuous medium's",)
     if not depth.any():
         return continuous.passes(setup, tolerance, seed)._replace(reasons=reasons)
     # of a realisation that is known light meets the others: a particle is not in its own surroundings
     others = 1 - 1 / max(float(setup.group.number[0]), 1.0) if "position" in setup.group else 1.0
     setup = setup._replace(medium=setup.medium._replace(others=others))
     return Passes(walk_and_splat(setup, depth, later=0.0, drawn=True), depth, reasons)
-
-
-def _detail(depth, tolerance):
-    shown = float(np.mean(depth > 0))
-    return (f"{100 * shown:.3g} % of the pixels show particles as particles; elsewhere, and beyond the depths of layer detail, "
-            f"they deviate from the continuous medium by less than {100 * tolerance:.2g} %; scattering after the first is the "
-            "continuous medium's")
 
 
 METHOD = ParticleMethod(
