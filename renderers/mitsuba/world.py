@@ -148,7 +148,7 @@ class World:
             if self._media else []
 
     def left_out(self, besides=frozenset()) -> list[str]:
-        """Sentences on light of areas that shine in one direction, which no sample finds, and of lamps without extent that comes by
+        """Sentences on light of areas that shine in one direction, which no sample finds, and on that of lamps without extent by
         way of mirrors, smooth glass and what light goes straight through, but for shapes of some names: no ray meets such lamps,
         and light samples end there."""
         if not self.without_extent:
@@ -158,8 +158,8 @@ class World:
         standing = [shape for shape in (*self.shapes(), *shapes.grouped(self.scene, self.unit)) if shape.name not in besides]
         kinds = {"mirrors and smooth glass": [shape.name for shape in standing if shape.specular],
                  "masks and boundaries that are null": [shape.name for shape in standing if shape.passed and not shape.specular]}
-        unmet = [f"light of areas that shine in one direction ({_examples(beams)}) is left out, and how much is not measured: neither "
-                 "rays nor light samples meet it, in Mitsuba's path integrators too; a directional light or a spot is found"]
+        unmet = [f"light of areas that shine in one direction ({_examples(beams)}) is left out, and how much is not measured: "
+                 "neither rays nor light samples meet it, as in Mitsuba's path; a directional light or a spot is found"]
         return unmet * bool(beams) + [
             f"light of lamps without extent by way of {kind} ({_examples(names)}) is left out, and how much is not measured; "
             "a small sphere that shines in its place is found" for kind, names in kinds.items() if names]
