@@ -18,7 +18,7 @@ class Shape(NamedTuple):
     index : refractive index behind it over that before it, of smooth and rough dielectrics; 1 where there is no boundary
         (`null`); None of other surfaces
     smooth : whether that is no rough dielectric
-    specular : whether it is a mirror or a smooth pane: it sends light on in single directions alone
+    specular : whether it sends light on in single directions, alone (mirrors, smooth panes) or beside others (`plastic`)
     passed : whether light goes straight through it, or through parts of it: it is `null`, a mask or a thin pane
     normals : (V, 3) unit, from which light takes those of the mesh; None where these are its triangles'
     flipped : whether normals are turned against the order of the faces
@@ -168,6 +168,4 @@ def _index(bsdf):
 
 def _specular(bsdf):
     """As `Shape.specular` says."""
-    flags = bsdf.flags()
-    turns = any(mi.has_flag(flags, flag) for flag in (mi.BSDFFlags.DeltaReflection, mi.BSDFFlags.DeltaTransmission))
-    return turns and not mi.has_flag(flags, mi.BSDFFlags.Smooth)
+    return any(mi.has_flag(bsdf.flags(), flag) for flag in (mi.BSDFFlags.DeltaReflection, mi.BSDFFlags.DeltaTransmission))

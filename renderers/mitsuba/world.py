@@ -156,7 +156,7 @@ class World:
         beams = [name for name, emitter in zip(self.light_names, self.scene.emitters()) if emitter.get_shape() is not None
                  and mi.has_flag(emitter.flags(), mi.EmitterFlags.DeltaDirection)]
         standing = [shape for shape in (*self.shapes(), *shapes.grouped(self.scene, self.unit)) if shape.name not in besides]
-        kinds = {"mirrors and smooth glass": [shape.name for shape in standing if shape.specular],
+        kinds = {"mirrors, smooth coats and smooth glass": [shape.name for shape in standing if shape.specular],
                  "masks and boundaries that are null": [shape.name for shape in standing if shape.passed and not shape.specular]}
         unmet = [f"light of areas that shine in one direction ({_examples(beams)}) is left out, and how much is not measured: "
                  "neither rays nor light samples meet it, as in Mitsuba's path; a directional light or a spot is found"]
