@@ -284,8 +284,8 @@ def doubled(path):
 
 @pytest.mark.parametrize("text, message", [
     ('<sensor type="orthographic"/>', "first sensor is of the kind OrthographicCamera; expected a perspective camera"),
-    ('<sensor type="radiancemeter"><film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/></film>'
-     '</sensor>', "first sensor is of the kind RadianceMeter; expected a perspective camera"),
+    ('<sensor type="radiancemeter"><film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/>'
+     '</film></sensor>', "first sensor is of the kind RadianceMeter; expected a perspective camera"),
     ("", "the scene has no sensor"),
 ])
 def test_views_that_are_refused(tmp_path, text, message):
