@@ -422,8 +422,9 @@ def test_what_light_samples_do_not_get_through_is_named(tmp_path):
     assert "glass (coated, pane) is left out" in mirrors and "null (veil, leaf) is left out" in straight
     assert World(written(tmp_path, SENSOR, shapes, LAMP)).left_out() == []
     beam = '<shape type="disk" id="beam"><emitter type="directionalarea"/></shape>'
-    (unmet,) = World(written(tmp_path, SENSOR, beam)).left_out()
-    assert "one direction (beam) is left out" in unmet
+    unseen = '<emitter type="point" id="unseen"><float name="sampling_weight" value="0"/></emitter>'
+    (unmet,) = World(written(tmp_path, SENSOR, beam, unseen, BULB)).left_out()
+    assert "(beam, unseen) is left out" in unmet
 
 
 def test_a_lamp_that_shows_a_picture(tmp_path):
