@@ -21,7 +21,8 @@ def camera_of(sensor, path, width, height):
     matrix = np.array(sensor.world_transform().matrix, float).reshape(4, 4)
     origin, ahead = matrix[:3, 3], matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
     plane = []
-    for start, direction in zip(*_corner_rays(sensor)):
+    # meters have no film in front of them: all corners are one ray, or none
+    for start, direction in zip(*_corner_rays(sensor)) if isinstance(sensor, mi.ProjectiveCamera) else ():
         start = start - origin
         if np.linalg.norm(np.cross(start, direction)) > 1e-4 * max(1.0, np.linalg.norm(origin)) or not direction @ ahead > 0:
             plane = []

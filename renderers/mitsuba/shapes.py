@@ -18,7 +18,7 @@ class Shape(NamedTuple):
     index : refractive index behind it over that before it, of smooth and rough dielectrics; 1 where there is no boundary
         (`null`); None of other surfaces
     smooth : whether that is no rough dielectric
-    specular : whether it is a mirror or a smooth pane: it sends light on in single directions alone
+    specular : whether it sends light on in single directions, alone (mirrors, smooth panes) or beside others (`plastic`)
     passed : whether light goes straight through it, or through parts of it: it is `null`, a mask or a thin pane
     normals : (V, 3) unit, from which light takes those of the mesh; None where these are its triangles'
     flipped : whether normals are turned against the order of the faces
@@ -86,10 +86,10 @@ def _of(listed, unit):
         box = shape.bbox()
         box = unit * np.array([box.min, box.max], float).reshape(2, 3)
         kinds, bsdf, flags = mi.BSDFFlags, shape.bsdf(), shape.bsdf().flags()
-        rough, null, mirrors, refracts, has_density = (mi.has_flag(flags, kind) for kind in (
-            kinds.GlossyTransmission, kinds.Null, kinds.DeltaReflection, kinds.DeltaTransmission, kinds.Smooth))
-        shapes.append(Shape(shape.id(), vertices, faces, box, _index(bsdf), not rough, normals, (mirrors or refracts) and
-                            not has_density, shape.has_flipped_normals(), is_sphere(shape), null))
+        rough, null, mirrors, refracts = (mi.has_flag(flags, kind) for kind in (
+            kinds.GlossyTransmission, kinds.Null, kinds.DeltaReflection, kinds.DeltaTransmission))
+        shapes.append(Shape(shape.id(), vertices, faces, box, _index(bsdf), not rough, normals, mirrors or refracts,
+                            shape.has_flipped_normals(), is_sphere(shape), null))
     return shapes
 
 

@@ -148,15 +148,23 @@ class World:
             if self._media else []
 
     def left_out(self, besides=frozenset()) -> list[str]:
-        """Sentences on light of lamps without extent that comes by way of mirrors, smooth glass and what light goes straight
-        through, but for shapes of some names: no ray meets such lamps, and light samples end there."""
+        """Sentences on light that no sample finds (areas that shine in one direction), and on that of lamps without extent by
+        way of mirrors, smooth glass and what light goes straight through, but for shapes of some names: no ray meets such lamps,
+        and light samples end there."""
         if not self.without_extent:
             return []
+        unmet = [name for name, emitter in zip(self.light_names, self.scene.emitters())
+                 if mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta)
+                 and (emitter.get_shape() is not None or not emitter.sampling_weight() > 0)]
         standing = [shape for shape in (*self.shapes(), *shapes.grouped(self.scene, self.unit)) if shape.name not in besides]
-        kinds = {"mirrors and smooth glass": [shape.name for shape in standing if shape.specular],
+        kinds = {"mirrors, smooth coats and smooth glass": [shape.name for shape in standing if shape.specular],
                  "masks and boundaries that are null": [shape.name for shape in standing if shape.passed and not shape.specular]}
-        return [f"light of lamps without extent by way of {kind} ({_examples(names)}) is left out, and how much is not measured; "
-                "a small sphere that shines in its place is found" for kind, names in kinds.items() if names]
+        never = ["light of areas that shine in one direction, or of lamps without extent whose sampling_weight is 0 "
+                 f"({_examples(unmet)}) is left out, and how much is not measured: neither rays nor light samples meet it, as in "
+                 "Mitsuba's path; a directional light or a spot, of some weight, is found"]
+        return never * bool(unmet) + [
+            f"light of lamps without extent by way of {kind} ({_examples(names)}) is left out, and how much is not measured; "
+            "a small sphere that shines in its place is found" for kind, names in kinds.items() if names]
 
     def extents(self, within=None):
         """Where surfaces are, m: triangles (T, 3, 3) of the meshes, and boxes (B, 2, 3) around the other shapes.

@@ -171,7 +171,9 @@ class Rendering:
         self.estimate = Estimate(parts, identity)
         if resume:
             self.estimate.resume(self.job.pair[1])
+        self._discoloured = discoloured(self.job.scene, self.job.assets, world)
         self.stop, self.reasons = self._stop()
+        self.reasons += self._discoloured
 
     def _stop(self):
         """What ends the passes, and sentences."""
@@ -216,12 +218,32 @@ class Rendering:
         measured = after.get("bias") is not None or not after.get("left_out")
         if taken and taken.approximations and measured and not self.method.unmeasured:
             after["bias"] = max(after.get("bias") or 0.0, taken.approximations)
+        if self._discoloured:
+            after["bias"] = None
         self.denoised, remarks = self.cleared(self.method.features)
         if self.denoised is not None:
             self.job.part_over("denoising")
         return self.estimate.finish(self.job, method=self.method.name, denoised=self.denoised,
                                     reasons=[*self.reasons, *after.pop("reasons", ()), *_clipped(depth, *self._world.clip),
                                              *remarks], **after)
+
+
+def discoloured(scene, assets, world) -> list[str]:
+    """A sentence where the wavelengths of the assets that paths enter hold colours of lights and surfaces worse than the scene's
+    tolerance."""
+    from renderers.mitsuba import tints
+
+    wavelengths = {tuple(np.asarray(asset.wavelength, float)) for entry, asset in zip(scene.materials, assets, strict=True)
+                   if not entries.is_surface(entry.kind, entry.method)}
+    if world.dark or len(wavelengths) != 1 or scene.values.film.wavelengths == "rgb":
+        return []
+    (wavelength,) = wavelengths
+    share = tints.lost(world, np.array(wavelength))
+    if share <= (scene.values.tolerance or budget.DEFAULT):
+        return []
+    end = "the picture is grey" if len(wavelength) == 1 else f"they are off by up to {percent(share)}"
+    return [f"colours of lights and surfaces are not kept at the asset's wavelengths ({len(wavelength)}): {end}, and the bias is "
+            "not known; wavelengths: rgb in the recipe keeps them"]
 
 
 def _hidden_grains(scene, assets) -> list[str]:

@@ -284,6 +284,8 @@ def doubled(path):
 
 @pytest.mark.parametrize("text, message", [
     ('<sensor type="orthographic"/>', "first sensor is of the kind OrthographicCamera; expected a perspective camera"),
+    ('<sensor type="radiancemeter"><film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/>'
+     '</film></sensor>', "first sensor is of the kind RadianceMeter; expected a perspective camera"),
     ("", "the scene has no sensor"),
 ])
 def test_views_that_are_refused(tmp_path, text, message):
@@ -414,10 +416,15 @@ def test_what_light_samples_do_not_get_through_is_named(tmp_path):
     """By their ids, also in groups of instances, which keep what is nothing; not where all lamps have an extent."""
     shapes = CUBES + """<shape type="rectangle" id="leaf"><bsdf type="mask"><float name="opacity" value="0.5"/>
         <bsdf type="diffuse"/></bsdf></shape><shape type="instance"><ref id="group"/></shape>
-        <shape type="shapegroup" id="group"><shape type="sphere" id="pane"><bsdf type="dielectric"/></shape></shape>"""
+        <shape type="shapegroup" id="group"><shape type="sphere" id="pane"><bsdf type="dielectric"/></shape></shape>
+        <shape type="sphere" id="coated"><bsdf type="plastic"/></shape>"""
     mirrors, straight = World(written(tmp_path, SENSOR, shapes, BULB), filled={"body"}).left_out({"body"})
-    assert "glass (pane) is left out" in mirrors and "null (veil, leaf) is left out" in straight
+    assert "glass (coated, pane) is left out" in mirrors and "null (veil, leaf) is left out" in straight
     assert World(written(tmp_path, SENSOR, shapes, LAMP)).left_out() == []
+    beam = '<shape type="disk" id="beam"><emitter type="directionalarea"/></shape>'
+    unseen = '<emitter type="point" id="unseen"><float name="sampling_weight" value="0"/></emitter>'
+    (unmet,) = World(written(tmp_path, SENSOR, beam, unseen, BULB)).left_out()
+    assert "(beam, unseen) is left out" in unmet
 
 
 def test_a_lamp_that_shows_a_picture(tmp_path):
