@@ -110,7 +110,7 @@ def test_paths_that_go_on_by_chance():
     states = np.arange(n, dtype=np.uint64) * np.uint64(7919)
     some = paths.starting(np.zeros((n, 3)), np.tile([0.0, 0.0, 1.0], (n, 1)), 3, states, np.arange(n), transport.GRAINS)
     some.body[:] = 0
-    onward = transport.joined(transport._switched(Sky(), how, some, transport.Sums(n, 0, transport.AFTER)))
+    onward = transport.joined(transport._switched(Sky(), how, some, transport.Sums(np.zeros(n), 0, transport.AFTER)))
     assert np.all(onward.throughput == 4) and abs(onward.count / n - 0.25) < SIGMAS * np.sqrt(0.25 * 0.75 / n)
 
 
