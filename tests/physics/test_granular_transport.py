@@ -104,8 +104,8 @@ def test_the_first_grain_is_explicit():
 
 
 def test_lights_are_shared_out_among_samples_and_neighbours():
-    """At first surfaces: of two lights each has half of the samples of a pixel, and half of 4 x 4 pixels to within two; over passes
-    each number is as likely as any other."""
+    """At first surfaces: of two lights each has half of the samples of a pixel, and half of 4 x 4 pixels to within two; over
+    passes each number is as likely as any other."""
     size, samples, passes = (32, 48), 4, 256
     pixel = np.arange(samples * size[0] * size[1])
     begun = paths.starting(np.zeros((len(pixel), 3)), np.ones((len(pixel), 3)), 3, np.zeros(len(pixel), np.uint64), pixel, 0)

@@ -96,8 +96,8 @@ class Sums(steps.Sums):
         np.add.at(self.switched, paths.pixel % self.pixels, np.stack([paths.order, paths.order > -1, 0 * paths.order], axis=1))
 
     def light_choices(self, paths):
-        """Samples of a pixel share out the lights, and neighbours do where a pass has one: a floor beside a bulb and a weak sky has
-        a noise of 60 % a sample where each path draws its own, and of 6 %."""
+        """Samples of a pixel share out the lights, and neighbours do where a pass has one: a floor beside a bulb and a weak sky
+        has a noise of 60 % a sample where each path draws its own, and of 6 %."""
         sample, pixel = np.divmod(paths.pixel, self.pixels)
         return (self._choices[pixel] + sample / self.samples) % 1
 
