@@ -23,6 +23,7 @@ TEXT = "bakery_denoised"  # attribute of both files
 _COARSE = ("draft", "preview")  # qualities whose pictures have their noise taken out unless a scene says otherwise
 _ALLOWED = 2.0  # standard errors by which the filter may move a value
 _ALONE = 4.0  # times as many where no neighbour is off with it
+_NOISY = 0.05  # of the brightest value near: noise from which on rare light may have been missed; lamps have less
 _NEAR = 5  # pixels: side of the square whose mean a value may be
 _AROUND = 9  # pixels: side of the square over which the scatter of few passes is averaged
 _WIDER = 25  # pixels: side of the square whose mean a value may be too, however few of the pixels near it any path has reached
@@ -203,8 +204,9 @@ def _held(seen, filtered, variance):
 
     A mean lies between the least and the most of what is near, and no further from the picture than its noise allows: that of the
     pixel or of its neighbourhood, as a peak makes value and variance large together, and what no path has reached has neither.
-    Where light is found so seldom that all pixels near miss it, the mean of a wider neighbourhood would do: bounds of 0 there
-    left black specks in bodies that few paths through their glass light up.
+    Where light is found so seldom that all pixels near miss it, mean and noise of a wider neighbourhood would do: bounds of 0
+    left black specks in bodies that few paths through their glass light up, and those of the pixels near left dark squares in a
+    snowball beside a bulb, where one pixel in ten had met it.  Not so where pixels have little noise, as flames beside wax.
     """
     from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 
@@ -212,8 +214,9 @@ def _held(seen, filtered, variance):
     lowest, highest = minimum_filter(seen, near, mode="nearest"), maximum_filter(seen, near, mode="nearest")
     if variance is not None:
         around, wider = (_AROUND, _AROUND, 1), (_WIDER, _WIDER, 1)
-        dark = maximum_filter(seen, around, mode="nearest") == 0
-        usual = np.where(dark, uniform_filter(variance, wider, mode="nearest"), uniform_filter(variance, around, mode="nearest"))
+        usual, further = (np.maximum(uniform_filter(variance, side, mode="nearest"), 0.0) for side in (around, wider))
+        noisy = usual >= (_NOISY * maximum_filter(seen, around, mode="nearest")) ** 2  # black pixels are, too
+        usual = np.where(noisy, np.maximum(usual, further), usual)
         allowed = _ALLOWED * np.sqrt(np.maximum(variance, usual))
         level = uniform_filter(seen, wider, mode="nearest")
         lowest, highest = np.minimum(lowest, level), np.maximum(highest, level)

@@ -41,15 +41,22 @@ class Sums:
         """Whether the light of paths is left to other passes."""
         return False
 
+    @staticmethod
+    def light_choices(paths):
+        """(n,) uniform numbers that choose among lights at the first surface of paths; None: all paths draw their own."""
+        return None
+
     def add(self, paths, light, added):
         """What paths bring, added (n, 3), from lights (n,)."""
         wavefront.accumulate(added, paths.order, light, paths.pixel, self.by_order, self.by_light)
 
 
-def met(world, paths, hidden=True):
-    """What paths meet at surfaces, a `renderers.mitsuba.world.Shading`."""
+def met(world, paths, hidden=True, choices=None):
+    """What paths meet at surfaces, a `renderers.mitsuba.world.Shading`; choices : as of `Sums.light_choices`."""
     numbers = np.empty((paths.count, 6))
     wavefront.draw(paths.states, numbers)
+    if choices is not None:
+        numbers[:, 0] = np.where(paths.bounces == 0, choices, numbers[:, 0])
     drawn = () if paths.drawn is None else (paths.drawn,)  # else where they begin
     options = {} if hidden else {"hidden": False}
     return world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single, *drawn, **options)
@@ -66,7 +73,7 @@ def at_surfaces(world, colours, paths, sums, let_through, *, brought=None, wider
     if paths.count == 0:
         return paths
     widened = wider.begin(paths) if wider else ()
-    shading = met(world, paths, hidden)
+    shading = met(world, paths, hidden, sums.light_choices(paths))
     throughput, order = brought(paths, shading) if brought else (paths.throughput, paths.order)
     add_light(colours, throughput, order, shading.emitted, shading.source, paths, sums)
     if len(widened):

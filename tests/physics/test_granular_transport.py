@@ -102,6 +102,25 @@ def test_the_first_grain_is_explicit():
     assert len(count) > 10 and np.all(count >= 1)
 
 
+def test_lights_are_shared_out_among_samples_and_neighbours():
+    """At first surfaces: of two lights each has half of the samples of a pixel, and half of 4 x 4 pixels to within two; over
+    passes each number is as likely as any other."""
+    size, samples, passes = (32, 48), 4, 256
+    pixel = np.arange(samples * size[0] * size[1])
+    begun = paths.starting(np.zeros((len(pixel), 3)), np.ones((len(pixel), 3)), 3, np.zeros(len(pixel), np.uint64), pixel, 0)
+    numbers = np.empty((passes, samples, *size))
+    for number in range(passes):
+        choices = transport._light_choices(size, kernels.stream_key(1, "render.grains", 0, number))
+        numbers[number] = transport.Sums(choices, 0, transport.ALL, samples).light_choices(begun).reshape(samples, *size)
+    assert numbers.min() >= 0 and numbers.max() < 1
+    second = numbers >= 0.5
+    assert np.all(second.sum(axis=1) == samples // 2)
+    blocks = second[:, 0].reshape(passes, 8, 4, 12, 4).sum(axis=(2, 4))
+    assert np.all(abs(blocks - 8) <= 2)
+    deviation = np.sqrt(passes / 12)
+    assert np.all(abs(numbers.sum(axis=0) - passes / 2) < sigmas(comparisons=numbers[0].size) * deviation)
+
+
 def test_paths_that_go_on_by_chance():
     """A share of those that switch, each of which counts the more."""
     how, n = joined([grains([Kind(GLASS)], bumpy(9.0))]), 4000
@@ -109,7 +128,7 @@ def test_paths_that_go_on_by_chance():
     states = np.arange(n, dtype=np.uint64) * np.uint64(7919)
     some = paths.starting(np.zeros((n, 3)), np.tile([0.0, 0.0, 1.0], (n, 1)), 3, states, np.arange(n), transport.GRAINS)
     some.body[:] = 0
-    onward = transport.joined(transport._switched(Sky(), how, some, transport.Sums(n, 0, transport.AFTER)))
+    onward = transport.joined(transport._switched(Sky(), how, some, transport.Sums(np.zeros(n), 0, transport.AFTER)))
     assert np.all(onward.throughput == 4) and abs(onward.count / n - 0.25) < SIGMAS * np.sqrt(0.25 * 0.75 / n)
 
 

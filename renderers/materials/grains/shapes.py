@@ -333,7 +333,7 @@ def next_event(scene, path, meeting):
     """Light of light samples by way of surfaces, linear sRGB, and its emitters; draws the next directions of the paths, too."""
     surface, bsdf = meeting.surface, meeting.surface.bsdf()
     active = meeting.meets & (mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth) | (scene.chord is not None))
-    u = [path.random.next_float32() for _ in range(5)]
+    u = [loop.for_light(path), *(path.random.next_float32() for _ in range(4))]
     light, radiance = scene.scene.sample_emitter_direction(surface, mi.Point2f(*u[:2]), False, active)
     active &= (light.pdf > 0) & dr.any(radiance > 0)
     towards = surface.to_local(light.d)
