@@ -8,6 +8,7 @@ import math
 import re
 from collections import ChainMap
 from collections.abc import Iterable, Mapping
+from itertools import chain
 
 import numpy as np
 
@@ -72,7 +73,8 @@ def violations(root: Group) -> list[str]:
 
 def broken(stage: Stage, group: Group) -> list[str]:
     """Where a group departs from what its stage declares; where nowhere, the rules of the stage's physics that it breaks."""
-    return list(_outputs(stage.name, group, stage.outputs, {})) or list(stage.sound(group)) or list(stage.check(group))
+    departures = [*_outputs(stage.name, group, stage.outputs, {}), *_together(stage, group)]
+    return departures or list(stage.sound(group)) or list(stage.check(group))
 
 
 def stages_of(root: Group) -> list[Stage]:
@@ -188,6 +190,16 @@ def _stage_groups(root: Group) -> Iterable[str]:
         group = root.members[stage.name]
         yield from _stage_attributes(stage.name, group)
         yield from _outputs(stage.name, group, stage.outputs, shared)
+        yield from _together(stage, group)
+
+
+def _together(stage: Stage, group: Group) -> Iterable[str]:
+    """Members that are missing although others are there that come with them."""
+    for paths in stage.together:
+        present, absent = {}, {}
+        for where, scope, member in chain.from_iterable(_places(group, path.split("/")) for path in paths):
+            (absent if member is None else present).setdefault(scope, where)
+        yield from (f"{stage.name}/{absent[scope]}: missing beside {present[scope]}" for scope in absent if scope in present)
 
 
 def _outputs(name: str, group: Group, outputs: Iterable[Output], shared: dict[str, int]) -> Iterable[str]:

@@ -16,7 +16,7 @@ import bakery
 from bakery.asset.verify import _broken, verify
 from bakery.errors import AssetError
 from bakery.stages import all_stages
-from bakery.stages.conform import declared, faults
+from bakery.stages.conform import declared, faults, stages_of
 from bakery.store.hashes import seal
 from bakery.store.read import read
 from bakery.store.tree import Dataset, Group, text
@@ -125,7 +125,8 @@ MORE = {
                         "packing: centers: two spheres overlap"),
     "small cell": ("tile", changed("packing/cell", lambda cell: 1e-6 * np.ones(3)),
                    "packing: a sphere that overlaps its own images"),
-    "no error of pairs": ("tile", without("packing/pair_correlation/g_error"), "packing: pair_correlation/g_error missing"),
+    "no error of pairs": ("tile", without("packing/pair_correlation/g_error"),
+                          "packing/pair_correlation/g_error: missing beside pair_correlation/edges"),
     "farther corners": ("haze", far_corners(2048), "multiple: point/w0: corner goes to"),
     "corners of other cells": ("haze", far_corners(2), "multiple: point/w0: corner is for cells of 1/"),
     "faces of nothing": ("shot", changed("grains/ball/faces", lambda faces: 10**6 + faces), "grains/ball/faces: holds 1"),
@@ -259,6 +260,23 @@ def test_letters_are_one_length():
     found = declared(with_data(root, "optics/droplets/radius", longer))
     assert found and all("R = 61" in line for line in found)
     assert declared(root) == []
+
+
+def test_members_that_come_together_are_asked_for(sound):
+    """Of all that a stage declares to come together each member is named where it alone is missing."""
+    polarised = sound["fog"]
+    for name in ("s11", "s12", "s33", "s34"):
+        polarised = with_member(polarised, f"medium/{name}", polarised["medium/phase"])
+    asked_for = set()
+    for root in [polarised, *(sound[name] for name in ("tile", "haze", "drops"))]:
+        for stage in stages_of(root):
+            held = [path for paths in stage.together for path in paths if path in dict(root[stage.name].walk())]
+            for path in held:
+                fault = declared(with_member(root, f"{stage.name}/{path}", None))[0]
+                assert fault.startswith(f"{stage.name}/{path}: missing beside"), fault
+            asked_for |= {f"{stage.name}/{path}" for path in held}
+    assert asked_for >= {"medium/s12", "packing/pair_correlation/g", "surface/depth", "surface/spread", "discrete/radius",
+                         "discrete/cell_edge"}
 
 
 # ---- the fuzzer

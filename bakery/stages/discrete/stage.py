@@ -65,6 +65,9 @@ OUTPUTS = (
     Output("COMPONENT/n", "(L,)", "1", "real part of the refractive index, relative to vacuum"),
     Output("COMPONENT/k", "(L,)", "1", "imaginary part of the refractive index"),
 )
+_TOGETHER = (("position", "radius", "component"), ("mesh_vertices", "mesh_faces"), ("mean_extinction", "mean_extinction_error"),
+             ("cell_dispersion", "cell_dispersion_error", "cell_edge", "cell_count", "cell_count_law"),
+             ("class_dispersion", "class_dispersion_error"))
 
 
 # ---- recipe
@@ -348,6 +351,7 @@ STAGE = Stage(
     needs=("optics", "medium"),
     applies=lambda recipe: recipe.discrete is not None,
     outputs=OUTPUTS,
+    together=_TOGETHER,
     error_measure="largest of: relative error of a class's mean cross sections and integrated error of its phase function, as "
                   "estimated by halving the nodes over its sizes; relative difference of the sum over classes from the mean "
                   "cross sections of optics; integrated difference of the phase function of all classes from that of medium",

@@ -57,3 +57,4 @@ OUTPUTS = (
     *_with_errors("COMPONENT/by_radius/", ("phase",), "(S, L, A)", optional=True),
     *_with_errors("COMPONENT/lossless/", LOSSLESS, "(L,)"),
 )
+TOGETHER = (tuple(output.path for output in OUTPUTS if "/by_radius/" in output.path),)
