@@ -298,7 +298,8 @@ class Stage:
     needs : names of the stages whose groups it takes
     applies : whether a recipe asks for it
     outputs, knobs, error_measure : as stored
-    together : paths of optional outputs of which a group holds all or none, for each that a capital word stands for
+    together : paths of optional outputs, and of groups of them, of which there are all or none, for each that a capital word
+        stands for
     cost : recipe -> Cost
     inputs : (recipe, upstream groups by name) -> arguments of `compute`, plain values and arrays
     compute : (inputs, context) -> Result

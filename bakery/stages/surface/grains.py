@@ -238,10 +238,7 @@ def sound(group: Group) -> Iterable[str]:
     """Whether all that a look-up among grains takes is there."""
     yield from surface.sound(group)
     counted = counted_in(group)
-    if "scale" not in counted.members:
-        if counted is not group:
-            yield f"{_LAYERS} holds no light"
-    elif counted["scale"].data.shape[-1] < 2:
+    if "scale" in counted.members and counted["scale"].data.shape[-1] < 2:
         yield "scale has fewer than two bins"
     elif counted is not group:
         sides = 2 if "transmitted" in group.members else 1
@@ -286,7 +283,7 @@ OF_GRAINS = Stage(
     applies=lambda recipe: recipe.surface is not None and recipe.grains is not None,
     sections=(SURFACE,),
     outputs=OUTPUTS,
-    together=(*surface.TOGETHER, _NEEDED, tuple(f"{_LAYERS}/{name}" for name in _NEEDED)),
+    together=(*surface.TOGETHER, _NEEDED, (_LAYERS, *(f"{_LAYERS}/{name}" for name in _NEEDED))),
     error_measure="among grains: relative standard error of the light that comes back, root mean square over cells of pairs of "
                   "directions, by their light; of a plane layer of the medium: largest relative error as the last change of the "
                   "Legendre moments",
