@@ -270,13 +270,23 @@ def test_members_that_come_together_are_asked_for(sound):
     asked_for = set()
     for root in [polarised, *(sound[name] for name in ("tile", "haze", "drops"))]:
         for stage in stages_of(root):
-            held = [path for paths in stage.together for path in paths if path in dict(root[stage.name].walk())]
+            there = {path for path, member in root[stage.name].walk() if isinstance(member, Dataset)}
+            held = [path for paths in stage.together for path in paths if path in there]
             for path in held:
                 fault = declared(with_member(root, f"{stage.name}/{path}", None))[0]
                 assert fault.startswith(f"{stage.name}/{path}: missing beside"), fault
             asked_for |= {f"{stage.name}/{path}" for path in held}
     assert asked_for >= {"medium/s12", "packing/pair_correlation/g", "surface/depth", "surface/spread", "discrete/radius",
                          "discrete/cell_edge"}
+
+
+def test_a_group_is_checked_without_what_it_was_made_of(sound):
+    """Readers of `discrete` and `surface` ask for these members, whether or not the groups upstream are there."""
+    for of, upstream, path in (("haze", "medium", "surface/cosine"), ("drops", "optics", "discrete/box"),
+                               ("shot", "packing", "medium/lambda_s")):
+        root = with_member(sound[of], upstream, None)
+        assert declared(root) == []
+        assert declared(with_member(root, path, None))[0] == f"{path}: missing"
 
 
 # ---- the fuzzer
