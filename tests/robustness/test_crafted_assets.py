@@ -316,6 +316,14 @@ def test_the_fuzzer_finds_what_is_planted(sound, tmp_path, monkeypatch):
 
 
 @pytest.mark.soak
+def test_every_member_may_be_missing():
+    """To every command and renderer: it works, or says in one line what is missing."""
+    done = subprocess.run([sys.executable, "-m", "tests.robustness.fuzz_assets", "--members"], cwd=ROOT, capture_output=True,
+                          text=True, check=False)
+    assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.soak
 def test_fuzzed_for_long(tmp_path):
     done = subprocess.run([sys.executable, "-m", "tests.robustness.fuzz_assets", "--seconds", "3000", "--seed", "1"], cwd=ROOT,
                           capture_output=True, text=True, check=False)
