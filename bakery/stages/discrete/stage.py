@@ -272,13 +272,12 @@ def _difference(theta, f, other_theta, g) -> float:
 def sound(group: Group) -> Iterable[str]:
     """Whether angles ascend, there are places or a key, and each particle has a component."""
     yield from rules.angles(group["theta"].data)
-    present = [name in group.members for name in ("position", "radius", "component")]
     count = len(group.groups)
     if not count:
         yield "holds no component"
     if METHODS[int(group["method"].data[0])] == "stored":
-        if not all(present):
-            yield "stored, but position, radius or component is missing"
+        if "position" not in group.members:
+            yield "stored, but position is missing"
         elif group["component"].data.size and group["component"].data.max() >= count:
             yield f"component up to {group['component'].data.max()}, but there are {count}"
     if sorted(int(member["index"].data[0]) for member in group.groups.values()) != list(range(count)):
