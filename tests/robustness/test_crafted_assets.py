@@ -289,6 +289,12 @@ def test_a_group_is_checked_without_what_it_was_made_of(sound):
         assert declared(with_member(root, path, None))[0] == f"{path}: missing"
 
 
+def test_several_layers_have_thicknesses(sound):
+    """Without `thickness` and `depth` a layer is infinite, and only one can be."""
+    root = with_member(with_member(sound["haze"], "surface/thickness", None), "surface/depth", None)
+    assert declared(root) == ["surface: thickness missing, of which there are several"]
+
+
 # ---- the fuzzer
 
 

@@ -188,6 +188,8 @@ def sound(group: Group) -> Iterable[str]:
         yield from _exponents(name, group)
     if not group["index"].data[0] > 0:
         yield "index is not above 0"
+    if "thickness" not in group.members and group["reflected"].data.shape[1] > 1:
+        yield "thickness missing, of which there are several"
     yield from under.sound(group)
 
 
