@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from bakery.stages.conform import stages_of
 from bakery.stages.coordinates import stated_error
 from bakery.store.missed import missed
 from bakery.store.tree import Dataset, Group, is_text, read_text
@@ -45,13 +46,15 @@ def describe(root: Group, below: str = "") -> dict:
 def stage(root: Group, name: str) -> dict:
     """What a stage says of itself, what it misses, in words or None, and the time and memory that it took."""
     attributes = root.members[name].attributes
+    current = {declared.name: declared.version for declared in stages_of(root)}
     cost = _provenance(root).members.get(name)
     spent = cost.attributes if isinstance(cost, Group) else {}
     notes = cost.members.get("notes") if isinstance(cost, Group) else None
     shown = ("stage", "stage_version", "tolerance", "achieved_error", "error_measure", "input_hash", "content_hash")
     return {"group": name} | {key: number(attributes.get(key)) for key in shown} | {
         key: number(spent.get(key)) for key in ("seconds", "peak_memory", "workers", "bakery_version", "finished")
-    } | {"missed": missed(root).get(name), "notes": read_text(notes).splitlines() if isinstance(notes, Dataset) else []}
+    } | {"current_version": current.get(name), "missed": missed(root).get(name),
+         "notes": read_text(notes).splitlines() if isinstance(notes, Dataset) else []}
 
 
 def dataset(root: Group, path: str) -> dict:

@@ -173,7 +173,7 @@ def numbers(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, most_en
         if words and node.text in words:
             return words[node.text]
         if words and not units.NUMBER.match(node.text.strip()) and not units.is_list(node.text):
-            raise Wrong(f"found {show(node.text)}", f"expected {one_of(list(words))}, or a list in {quantity.base}"
+            raise Wrong(f"found {show(node.text)}", f"expected {', '.join(words)}, {units.example(quantity)}, or a list"
                         + nearest(node.text, words))
         if not units.is_list(node.text):
             return (in_bounds(node.text, quantity, limits, node.quoted),)

@@ -8,6 +8,7 @@ import math
 import re
 from collections import ChainMap
 from collections.abc import Iterable, Mapping
+from itertools import chain
 
 import numpy as np
 
@@ -56,7 +57,7 @@ def declared(root: Group) -> list[str]:
     """Where a tree departs from what its stages declare, in words: what readers count on."""
     departures = [*_root(root), *_stage_groups(root)]
     # sums and indices over what may not even be an array would only trip
-    return departures or [f"{stage.name}: {rule}" for stage in stages_of(root) for rule in stage.sound(root.members[stage.name])]
+    return departures or [f"{stage.name}: {rule}" for stage in _declared_by(root) for rule in stage.sound(root[stage.name])]
 
 
 def faults(root: Group) -> list[str]:
@@ -72,7 +73,8 @@ def violations(root: Group) -> list[str]:
 
 def broken(stage: Stage, group: Group) -> list[str]:
     """Where a group departs from what its stage declares; where nowhere, the rules of the stage's physics that it breaks."""
-    return list(_outputs(stage.name, group, stage.outputs, {})) or list(stage.sound(group)) or list(stage.check(group))
+    departures = [*_outputs(stage.name, group, stage.outputs, {}), *_together(stage, group)]
+    return departures or list(stage.sound(group)) or list(stage.check(group))
 
 
 def stages_of(root: Group) -> list[Stage]:
@@ -83,6 +85,18 @@ def stages_of(root: Group) -> list[Stage]:
                 and len(stage.needs) >= len(getattr(chosen.get(stage.name), "needs", ())):
             chosen[stage.name] = stage
     return list(chosen.values())
+
+
+def _declared_by(root: Group) -> list[Stage]:
+    """What each group is held to, also where what it was made of is gone: of several the stage that knows most of its members."""
+    def fits(stage):
+        known = {output.path.partition("/")[0] for output in stage.outputs} & root[stage.name].members.keys()
+        return len(known), all(need in root.members for need in stage.needs), len(stage.needs)
+
+    chosen: dict[str, Stage] = {}
+    for stage in sorted(filter(lambda stage: stage.name in root.groups, all_stages()), key=fits):
+        chosen[stage.name] = stage
+    return [stage for stage in all_stages() if stage in chosen.values()]
 
 
 # ---- what every asset has
@@ -121,7 +135,7 @@ def _others(root: Group) -> Iterable[str]:
     """Rules of groups that no stage declares."""
     if not isinstance(root.members.get("provenance"), Group):
         yield "provenance: missing"
-    groups = {"recipe", "wavelength", "provenance", FAMILY, *(stage.name for stage in stages_of(root))}
+    groups = {"recipe", "wavelength", "provenance", FAMILY, *(stage.name for stage in _declared_by(root))}
     for name in [name for name in root.members if name not in groups]:
         member = root.members[name]
         if isinstance(member, Group):
@@ -184,10 +198,20 @@ def _error_of(path: str, name: str, words: str, dataset: Dataset, root: Group) -
 def _stage_groups(root: Group) -> Iterable[str]:
     wavelength = root.members.get("wavelength")
     shared = {"L": wavelength.data.size} if isinstance(wavelength, Dataset) else {}
-    for stage in stages_of(root):  # upstream ones first: a wrong length is laid to the group that departs from them
+    for stage in _declared_by(root):  # upstream ones first: a wrong length is laid to the group that departs from them
         group = root.members[stage.name]
         yield from _stage_attributes(stage.name, group)
         yield from _outputs(stage.name, group, stage.outputs, shared)
+        yield from _together(stage, group)
+
+
+def _together(stage: Stage, group: Group) -> Iterable[str]:
+    """Members that are missing although others are there that come with them."""
+    for paths in stage.together:
+        present, absent = {}, {}
+        for where, scope, member in chain.from_iterable(_places(group, path.split("/")) for path in paths):
+            (absent if member is None else present).setdefault(scope, where)
+        yield from (f"{stage.name}/{absent[scope]}: missing beside {present[scope]}" for scope in absent if scope in present)
 
 
 def _outputs(name: str, group: Group, outputs: Iterable[Output], shared: dict[str, int]) -> Iterable[str]:

@@ -298,6 +298,8 @@ class Stage:
     needs : names of the stages whose groups it takes
     applies : whether a recipe asks for it
     outputs, knobs, error_measure : as stored
+    together : paths of optional outputs, and of groups of them, of which there are all or none, for each that a capital word
+        stands for
     cost : recipe -> Cost
     inputs : (recipe, upstream groups by name) -> arguments of `compute`, plain values and arrays
     compute : (inputs, context) -> Result
@@ -332,6 +334,7 @@ class Stage:
     inputs: Callable[[Any, Mapping[str, Group]], dict]
     compute: Callable[[dict, Context], Result]
     check: Callable[[Group], Iterable[str]]
+    together: tuple[tuple[str, ...], ...] = ()
     knobs: tuple[Knob, ...] = field(default=())
     measures: Callable[[Group, Group], Mapping[str, float]] | None = None
     reference: Mapping[str, str] = field(default_factory=dict, hash=False)

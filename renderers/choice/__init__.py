@@ -19,7 +19,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-import bakery
 from bakery.errors import AssetError, UsageError
 from renderers.choice import remembered, surfaces, trial
 from renderers.choice.decision import TEXT, Choice
@@ -29,6 +28,7 @@ from renderers.pictures import reached
 from renderers.pictures.engine import Stop
 from renderers.pictures.progressive import fingerprint, made_of
 from renderers.scene import budget, candidates, entries, meshes
+from renderers.scene.assets import opened
 from renderers.scene.budget import percent
 from renderers.scene.candidates import Candidate
 
@@ -65,8 +65,7 @@ class Opened(NamedTuple):
     @classmethod
     def of(cls, scene) -> Opened:
         """Of a scene whose assets are there."""
-        opened = {path: bakery.open(path) for path in dict.fromkeys(scene.assets)}
-        listed = [opened[path] for path in scene.assets]
+        listed = opened(scene)
         return cls(scene, listed, listed[0])
 
 

@@ -6,7 +6,6 @@ A renderer begins a `Render`, makes a picture of linear radiance out of `scene.v
 import json
 import time
 
-import bakery
 from renderers import scene
 from renderers.mitsuba import bitmaps
 from renderers.pictures import denoise, images, reached
@@ -60,8 +59,7 @@ class Render:
         denoise.refuse_absent(self.scene)
         self.pair = images.output_pair(output or self.scene.picture, self.scene.inputs, overwrite)
         self.scene = assets.baked(self.scene)
-        opened = {path: bakery.open(path) for path in dict.fromkeys(self.scene.assets)}
-        self.assets = [opened[path] for path in self.scene.assets]
+        self.assets = assets.opened(self.scene)
         self.asset = self.assets[0]
 
     def part_over(self, name):

@@ -4,6 +4,8 @@ import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
+import bakery
+from bakery.errors import AssetError
 from bakery.run.ensure import ensured
 from renderers.scene import Scene, beside, budget, requirements
 
@@ -50,6 +52,20 @@ def together(scenes: Sequence[Scene], progress=None, measured: Sequence[Scene] |
     listed = [tuple(paths[entry.asset, entry.recipe] for entry in scene.materials) for scene in scenes]
     return [dataclasses.replace(scene, asset=assets[0], assets=assets, share=max(shares))
             for scene, assets in zip(scenes, listed)]
+
+
+def opened(scene: Scene) -> list:
+    """The assets of a scene, in the order of its materials, each file read once; AssetError with the key that names a file."""
+    by_path = {}
+    for number, (entry, path) in enumerate(zip(scene.materials, scene.assets, strict=True)):
+        if path in by_path:
+            continue
+        try:
+            by_path[path] = bakery.open(path)
+        except AssetError as fault:
+            key = f"materials[{number}].asset" if hasattr(scene.values, "materials") else "asset"
+            raise AssetError(f"{scene.places.get(key, scene.path)}: {key}: {fault}" if entry.asset else str(fault)) from None
+    return [by_path[path] for path in scene.assets]
 
 
 def recipe_of(scene: Scene, material) -> tuple[Path | None, Path | None, list[Path]]:

@@ -220,7 +220,19 @@ def of_scene(scene, recipe, medium: Callable, seconds: Callable, worlds: dict | 
     Raises BakeryError where it cannot be measured.
     """
     about = About(scene, recipe, medium, worlds=worlds)
+    _refuse_layers(about)
     return _shared_out(about, _rules(scene), seconds)._replace(read=tuple(scene.sources))
+
+
+def _refuse_layers(about) -> None:
+    """UsageError where an entry asks for a layer that its recipe does not have: before minutes of a bake."""
+    surface = about.recipe.surface
+    count = 1 if surface is None or surface.thickness == "infinite" else len(surface.thickness)
+    for number in () if about.guessed else about.bodies:
+        layer = getattr(about.scene.materials[number], "layer", None) or 0
+        if layer >= count:
+            raise about.scene.wrong(f"materials[{number}].layer", f"found no layer {layer}; {about.recipe.path} has {count}: "
+                                    f"0 to {count - 1}")
 
 
 def of_scenes(listed: Sequence, recipe, medium: Callable, seconds: Callable, worlds: dict | None = None) -> Required:

@@ -50,8 +50,8 @@ def test_every_member_stands_in_the_tree_with_its_shape_range_and_unit(call, fog
     assert "2 x 60" in lines["extinction"] and "um^2" in lines["extinction"] and "120 mie" in lines["method"]
     assert "0.61 0.465 um" in lines["wavelength"] and "0 .. 3.14159 rad" in lines["theta"]
     assert "+- 0.01 %" in lines["scattering"]  # from scattering_error, 1e-4 of it
-    for said in ("stage optics, version 1", "error 0.004 of 0.01", "largest relative change of a coefficient", "input_hash names",
-                 "content_hash names", "bake fog.yaml", "2026-01-01"):
+    for said in ("stage optics, version 1; this bakery writes version ", "error 0.004 of 0.01", "content_hash names",
+                 "largest relative change of a coefficient", "input_hash names", "bake fog.yaml", "2026-01-01"):
         assert said in out, said
 
 

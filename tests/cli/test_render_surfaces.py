@@ -90,6 +90,7 @@ def test_a_lossless_surface_under_facets_vanishes_too_and_says_that_paths_would_
 
 @pytest.mark.parametrize(("settings", "asset", "message"), [
     ({"materials[0].layer": "2"}, WHITE, "materials[0].layer: found no layer 2; "),
+    ({"materials[0].asset": "furnace.xml"}, WHITE, "materials[0].asset: "),
     ({"materials[0].where.shape": "bowl"}, WHITE, "found 0 shapes of the id bowl; it has ball, other"),
     ({}, WHITE[:WHITE.index("surface")], "no stage surface; use a section surface: {thickness: infinite} in its recipe"),
 ])
@@ -100,6 +101,14 @@ def test_what_cannot_be_a_surface_is_told(scene, call, settings, asset, message)
         assert call(scene.parent / "white.yaml", "-o", scene.parent / "white.h5")[0] == 0
     status, _, err = call("render", scene, *(part for key, value in settings.items() for part in ("--set", f"{key}={value}")))
     assert status in (2, 4) and message in err and "Traceback" not in err
+
+
+def test_a_layer_that_the_recipe_lacks_is_told_before_it_is_baked(scene, call):
+    scene.with_name("white.h5").unlink()
+    scene.write_text(SCENE.replace("asset: white.h5", "recipe: white.yaml").replace("layer: 1", "layer: 7"))
+    status, _, err = call("render", scene)
+    said, = err.splitlines()
+    assert status == 2 and "furnace.yaml:3: materials[0].layer: found no layer 7; " in said and said.endswith("has 2: 0 to 1")
 
 
 @pytest.mark.parametrize(("entry", "message"), [

@@ -1,7 +1,8 @@
 """Structure-aware fuzzing of assets: sound ones changed in a few places, with right checksums, given to every command.
 
 Each command must end with a status of the contract, within its time and memory, and say what is wrong in one line.  Run it as
-`python -m tests.robustness.fuzz_assets --seconds 600`; a failure names its number, which `--only NUMBER` repeats.
+`python -m tests.robustness.fuzz_assets --seconds 600`; a failure names its number, which `--only NUMBER` repeats.  With
+`--members` the assets lack each of their members in turn, one at a time, and renderers read them as well.
 """
 
 import argparse
@@ -22,6 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from bakery.cli import status_of
+from bakery.stages.conform import declared
 from bakery.store.read import read
 from bakery.store.tree import Dataset, Group
 from bakery.store.write import write
@@ -79,14 +81,37 @@ effective_medium: {walks: 100000}
     "tiles": "bakery: 1\nname: tiles\ntolerance: 10%\npacking: {fraction: [0.2, 0.4], count: 40}\n",
 }
 
+MORE = RECIPES | {  # apart: another asset among those above would make others of all numbers
+    "spray": """\
+bakery: 1
+name: spray
+wavelengths: [0.61, 0.465]
+tolerance: 10%
+particles:
+  number_density: 4e8 /m^3
+  components: [{name: water, material: water, size: {distribution: single, radius: 40 um}}]
+discrete: {count: 500, box: [10 mm, 10 mm, 10 mm], method: stored}
+""",
+    "sheet": RECIPES["sand"].replace("sand", "sheet") + "surface: {thickness: 2 mm, tolerance: 30%}\n",
+}
+WORLD = """<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="34"/><transform name="to_world">
+<lookat origin="0, -30, 8" target="0, 0, 0" up="0, 0, 1"/></transform></sensor>BODY<emitter type="constant"/></scene>"""
+BODY = '<shape type="cube" id="body"><transform name="to_world"><scale value="3"/></transform><bsdf type="null"/></shape>'
+# an entry of a scene -> methods that render it
+ENTRIES = {
+    "where: {shape: body}, as: body": ("paths", "shells", "vrl+tables", "beams+tables", "metropolis+tables", "dipole", "surface"),
+    "where: {mesh: heap.ply, unit: 1 mm}, as: grains": ("ept", "vpt", "ept+vpt", "ept+vpt+da", "teleport"),
+    "where: {box: {lo: [-5, -5, -5] mm, hi: [5, 5, 5] mm}}, as: particles": ("particles", "continuous", "query", "explicit"),
+}
 
-def baked(folder: Path, names=tuple(RECIPES)) -> dict[str, Path]:
+
+def baked(folder: Path, recipes=RECIPES) -> dict[str, Path]:
     """The sound assets."""
     import bakery
 
     found = {}
-    for name in names:
-        (folder / f"{name}.yaml").write_text(RECIPES[name])
+    for name, recipe in recipes.items():
+        (folder / f"{name}.yaml").write_text(recipe)
         found[name] = Path(bakery.bake(folder / f"{name}.yaml", folder / f"{name}.h5"))
     return found
 
@@ -216,6 +241,26 @@ def commands(path: Path, sound: Path, root: Group, folder: Path, draw: random.Ra
     return [[str(word) for word in call] for call in calls]
 
 
+def scenes(path: Path, folder: Path) -> dict[str, list[str]]:
+    """Calls that render the asset as everything that it may be, 8 x 8 pixels, by the name of their scenes."""
+    from bakery.physics.shapes.radial import icosphere
+    from bakery.store import ply
+
+    vertices, faces = icosphere(80)
+    (folder / "heap.ply").write_bytes(ply.mesh(9 * vertices, faces))
+    calls = {}
+    for entry, methods in ENTRIES.items():
+        kind = entry.rpartition(" ")[2]
+        (folder / f"{kind}.xml").write_text(WORLD.replace("BODY", BODY if kind == "body" else ""))
+        for method in methods:
+            scene = folder / f"{kind}-{method}.yaml"
+            scene.write_text(f"bakery_scene: 2\nname: s\nscene: {{mitsuba: {kind}.xml, unit: 1 mm}}\ndenoise: no\n"
+                             "film: {width: 8, height: 8}\nstop: {samples: 1}\n"
+                             f"materials:\n  - {{{entry}, asset: {path}, method: {method}}}\n")
+            calls[scene.stem] = ["render", str(scene), "-o", str(folder / "picture.png"), "--quality", "draft"]
+    return calls
+
+
 @contextlib.contextmanager
 def sketched():
     """Pictures are laid out and drawn, but coarsely and into no file: writing PNG and SVG takes most of the time of `plot`."""
@@ -248,7 +293,7 @@ def ran(call: list[str]) -> tuple[int, str]:
     out, err = io.StringIO(), io.StringIO()
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     signal.signal(signal.SIGPROF, _stop)
-    limit = DRAWING if call[0] in ("plot", "report") else TIME
+    limit = DRAWING if call[0] in ("plot", "report", "render") else TIME
     signal.setitimer(signal.ITIMER_PROF, limit)
     try:
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), warnings.catch_warnings():
@@ -261,7 +306,8 @@ def ran(call: list[str]) -> tuple[int, str]:
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
     grown = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
-    lines = err.getvalue().splitlines()
+    lines = [line for line in err.getvalue().splitlines() if not line.endswith(" so far")]  # a busy machine
+    lines = lines[:1] if lines[-1:] and lines[-1].strip() == "^" else lines  # what is wrong with a scene, and where
     if status not in (0, 1, 2, 3):
         return status, f"ended with status {status}"
     if grown > MEMORY:
@@ -318,16 +364,42 @@ def one(number: int, sound: dict[str, Path], folder: Path, every: bool = False,
     return f"{of.stem}: {said}", failed
 
 
+def without_members(sound: dict[str, Path], folder: Path) -> int:
+    """Each asset without each of its members in turn, as far as the check at opening lets it pass: the number of failures."""
+    failures = 0
+    for name, of in sound.items():
+        path, whole = folder / "lacking.h5", read(of)
+        path.write_bytes(of.read_bytes())
+        renders = {scene: call for scene, call in scenes(path, folder).items() if ran(call)[0] in (0, 3)}
+        for gone, _ in whole.walk():
+            root = with_member(whole, gone, None)
+            if gone.startswith("provenance/") or declared(root):
+                continue
+            write(path, root)
+            calls = [call + ["--overwrite"] * (call[0] in ("plot", "export"))  # sketches are no pictures
+                     for call in commands(path, of, root, folder, random.Random(gone))] + list(renders.values())
+            failed = [(" ".join(call), fault) for call in calls if (fault := ran(call)[1])]
+            failed += [(f"verify {path}", fault)] if (fault := verified(path)) else []
+            failures += len(failed)
+            print(f"{name} without {gone}: {len(calls)} calls, {len(failed)} failures", flush=True)
+            for call, fault in failed:
+                print(f"{call}\n{fault}\n", flush=True)
+    return failures
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=600)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", type=int, default=None)
+    parser.add_argument("--members", action="store_true")
     asked = parser.parse_args()
     failures = number = 0
     with tempfile.TemporaryDirectory(prefix="fuzz") as kept, sketched():
         folder = Path(kept)
-        sound = baked(folder)
+        sound = baked(folder, MORE if asked.members else RECIPES)
+        if asked.members:
+            return int(without_members(sound, folder) > 0)
         until = time.monotonic() + asked.seconds
         while time.monotonic() < until if asked.only is None else number == 0:
             said, failed = one(number if asked.only is None else asked.only, sound, folder, asked.only is not None, asked.seed)

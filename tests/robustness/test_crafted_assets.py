@@ -16,7 +16,7 @@ import bakery
 from bakery.asset.verify import _broken, verify
 from bakery.errors import AssetError
 from bakery.stages import all_stages
-from bakery.stages.conform import declared, faults
+from bakery.stages.conform import declared, faults, stages_of
 from bakery.store.hashes import seal
 from bakery.store.read import read
 from bakery.store.tree import Dataset, Group, text
@@ -125,7 +125,8 @@ MORE = {
                         "packing: centers: two spheres overlap"),
     "small cell": ("tile", changed("packing/cell", lambda cell: 1e-6 * np.ones(3)),
                    "packing: a sphere that overlaps its own images"),
-    "no error of pairs": ("tile", without("packing/pair_correlation/g_error"), "packing: pair_correlation/g_error missing"),
+    "no error of pairs": ("tile", without("packing/pair_correlation/g_error"),
+                          "packing/pair_correlation/g_error: missing beside pair_correlation/edges"),
     "farther corners": ("haze", far_corners(2048), "multiple: point/w0: corner goes to"),
     "corners of other cells": ("haze", far_corners(2), "multiple: point/w0: corner is for cells of 1/"),
     "faces of nothing": ("shot", changed("grains/ball/faces", lambda faces: 10**6 + faces), "grains/ball/faces: holds 1"),
@@ -261,6 +262,39 @@ def test_letters_are_one_length():
     assert declared(root) == []
 
 
+def test_members_that_come_together_are_asked_for(sound):
+    """Of all that a stage declares to come together each member is named where it alone is missing."""
+    polarised = sound["fog"]
+    for name in ("s11", "s12", "s33", "s34"):
+        polarised = with_member(polarised, f"medium/{name}", polarised["medium/phase"])
+    asked_for = set()
+    for root in [polarised, *(sound[name] for name in ("tile", "haze", "drops"))]:
+        for stage in stages_of(root):
+            there = {path for path, member in root[stage.name].walk() if isinstance(member, Dataset)}
+            held = [path for paths in stage.together for path in paths if path in there]
+            for path in held:
+                fault = declared(with_member(root, f"{stage.name}/{path}", None))[0]
+                assert fault.startswith(f"{stage.name}/{path}: missing beside"), fault
+            asked_for |= {f"{stage.name}/{path}" for path in held}
+    assert asked_for >= {"medium/s12", "packing/pair_correlation/g", "surface/depth", "surface/spread", "discrete/radius",
+                         "discrete/cell_edge"}
+
+
+def test_a_group_is_checked_without_what_it_was_made_of(sound):
+    """Readers of `discrete` and `surface` ask for these members, whether or not the groups upstream are there."""
+    for of, upstream, path in (("haze", "medium", "surface/cosine"), ("drops", "optics", "discrete/box"),
+                               ("shot", "packing", "medium/lambda_s")):
+        root = with_member(sound[of], upstream, None)
+        assert declared(root) == []
+        assert declared(with_member(root, path, None))[0] == f"{path}: missing"
+
+
+def test_several_layers_have_thicknesses(sound):
+    """Without `thickness` and `depth` a layer is infinite, and only one can be."""
+    root = with_member(with_member(sound["haze"], "surface/thickness", None), "surface/depth", None)
+    assert declared(root) == ["surface: thickness missing, of which there are several"]
+
+
 # ---- the fuzzer
 
 
@@ -285,6 +319,14 @@ def test_the_fuzzer_finds_what_is_planted(sound, tmp_path, monkeypatch):
     monkeypatch.setattr(conform, "check", lambda path, root: None)
     status, fault = fuzz_assets.ran(["inspect", str(tmp_path / "x.h5")])
     assert status == -1 and "ValueError" in fault
+
+
+@pytest.mark.soak
+def test_every_member_may_be_missing():
+    """To every command and renderer: it works, or says in one line what is missing."""
+    done = subprocess.run([sys.executable, "-m", "tests.robustness.fuzz_assets", "--members"], cwd=ROOT, capture_output=True,
+                          text=True, check=False)
+    assert done.returncode == 0, done.stdout
 
 
 @pytest.mark.soak

@@ -103,7 +103,7 @@ def test_the_message_of_the_contract(tmp_path, monkeypatch):
         ("number_density: 1e8 /m^3", "volume_fraction: 1",
          ['6: particles.volume_fraction: found "1"; expected a fraction above 0 and below 1']),
         ("wavelengths: rgb", "wavelengths: rbg",
-         ['3: wavelengths: found "rbg"; expected rgb or visible8, or a list in um (rgb?)']),
+         ['3: wavelengths: found "rbg"; expected rgb, visible8, a wavelength such as 5 um, or a list (rgb?)']),
         ("wavelengths: rgb", "wavelengths: [0.5, 0.6, 0.5]",
          ["3: wavelengths: found 0.5 um more than once; expected distinct wavelengths"]),
         ("wavelengths: rgb", "wavelengths: [0.5, -0.6]",

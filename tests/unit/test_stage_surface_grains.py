@@ -12,6 +12,7 @@ from bakery.kernels import surface_transmittance
 from bakery.physics.granular.goniometer import BINS, LEAST
 from bakery.physics.surfaces.corrected import middles
 from bakery.recipe import load
+from bakery.stages import conform
 from bakery.stages.members import MissingStage
 from bakery.stages.surface import grains
 from bakery.stages.surface.files import csv_tables
@@ -97,7 +98,7 @@ def test_errors_are_those_asked_for(heap):
 def test_a_part_that_is_missing_is_told(heap):
     group = heap.tree["surface"]
     without = Group({name: member for name, member in group.members.items() if name != "scale"}, dict(group.attributes))
-    assert any("there is only" in fault for fault in grains.sound(without))
+    assert conform.broken(grains.OF_GRAINS, without) == ["surface/scale: missing beside first"]
     more = Dataset(group["order_albedo"].data + 0.5, "1", "more")
     assert list(grains.check(Group({**group.members, "order_albedo": more}, dict(group.attributes))))
 

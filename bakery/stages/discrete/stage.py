@@ -65,6 +65,9 @@ OUTPUTS = (
     Output("COMPONENT/n", "(L,)", "1", "real part of the refractive index, relative to vacuum"),
     Output("COMPONENT/k", "(L,)", "1", "imaginary part of the refractive index"),
 )
+_TOGETHER = (("position", "radius", "component"), ("mesh_vertices", "mesh_faces"), ("mean_extinction", "mean_extinction_error"),
+             ("cell_dispersion", "cell_dispersion_error", "cell_edge", "cell_count", "cell_count_law"),
+             ("class_dispersion", "class_dispersion_error"))
 
 
 # ---- recipe
@@ -269,13 +272,12 @@ def _difference(theta, f, other_theta, g) -> float:
 def sound(group: Group) -> Iterable[str]:
     """Whether angles ascend, there are places or a key, and each particle has a component."""
     yield from rules.angles(group["theta"].data)
-    present = [name in group.members for name in ("position", "radius", "component")]
     count = len(group.groups)
     if not count:
         yield "holds no component"
     if METHODS[int(group["method"].data[0])] == "stored":
-        if not all(present):
-            yield "stored, but position, radius or component is missing"
+        if "position" not in group.members:
+            yield "stored, but position is missing"
         elif group["component"].data.size and group["component"].data.max() >= count:
             yield f"component up to {group['component'].data.max()}, but there are {count}"
     if sorted(int(member["index"].data[0]) for member in group.groups.values()) != list(range(count)):
@@ -348,6 +350,7 @@ STAGE = Stage(
     needs=("optics", "medium"),
     applies=lambda recipe: recipe.discrete is not None,
     outputs=OUTPUTS,
+    together=_TOGETHER,
     error_measure="largest of: relative error of a class's mean cross sections and integrated error of its phase function, as "
                   "estimated by halving the nodes over its sizes; relative difference of the sum over classes from the mean "
                   "cross sections of optics; integrated difference of the phase function of all classes from that of medium",

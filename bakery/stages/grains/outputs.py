@@ -57,3 +57,5 @@ OUTPUTS = (
     *_with_errors("COMPONENT/by_radius/", ("phase",), "(S, L, A)", optional=True),
     *_with_errors("COMPONENT/lossless/", LOSSLESS, "(L,)"),
 )
+_SIZED = "COMPONENT/by_radius"
+TOGETHER = ((_SIZED, *(output.path for output in OUTPUTS if output.path.startswith(f"{_SIZED}/"))),)

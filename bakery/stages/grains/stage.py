@@ -9,7 +9,7 @@ from bakery.errors import StageError
 from bakery.physics.shapes.limits import SHARE_HIT, share_hit
 from bakery.stages.declaration import Cost, Knob, Result, Stage, datasets, later
 from bakery.stages.grains.measures import measures
-from bakery.stages.grains.outputs import ASKED, BY_RADIUS, FIGURES, LOSSLESS, OUTPUTS, PEAK, SCALARS
+from bakery.stages.grains.outputs import ASKED, BY_RADIUS, FIGURES, LOSSLESS, OUTPUTS, PEAK, SCALARS, TOGETHER
 from bakery.stages.grains.rules import check, sound
 from bakery.stages.grains.section import GRAINS, SCATTEROMETER, absorption, shape_keys
 from bakery.stages.packing.section import radii_law
@@ -274,6 +274,7 @@ STAGE = Stage(
     applies=lambda recipe: recipe.grains is not None,
     sections=(GRAINS, SCATTEROMETER),
     outputs=OUTPUTS,
+    together=TOGETHER,
     error_measure="largest standard error of the hit probability and the albedo (relative, of an albedo of at least 0.01), of "
                   "lambda_delta, lambda_s, mean_square (in radii of the bounding sphere) and g, and half the integral of the "
                   "phase function's standard error over the sphere; or the light that was lost on cut paths, if that is more",

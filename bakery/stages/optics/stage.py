@@ -274,6 +274,7 @@ STAGE = Stage(
     needs=(),
     applies=lambda recipe: recipe.particles is not None,
     outputs=OUTPUTS,
+    together=(tuple(f"COMPONENT/{name}" for name in ELEMENTS),),
     error_measure="largest relative change, when the nodes over size are halved, of any mean cross section (absorption: relative "
                   "to at least 0.01 tolerance times extinction) and of the phase function at any angle, there with the error of "
                   "linear interpolation in cos theta half-way between angles; in troughs between ripples of (nearly) equal "

@@ -39,4 +39,5 @@ TILE = (
 OUTPUTS = tuple(replace(output, path=prefix + output.path, optional=True)
                 for prefix in ("", "TILE/") for output in TILE)
 REQUIRED = tuple(output.path for output in TILE if not output.optional)
-PAIRS = tuple(output.path for output in TILE if output.path.startswith("pair_correlation/"))  # all or none
+TOGETHER = tuple((path, *(output.path for output in OUTPUTS if output.path.startswith(f"{path}/")))
+                 for path in ("pair_correlation", "TILE/pair_correlation"))

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from bakery.stages.packing.outputs import PAIRS, REQUIRED
+from bakery.stages.packing.outputs import REQUIRED
 from bakery.stages.packing.view import tiles
 from bakery.store.tree import Dataset, Group
 
@@ -18,8 +18,7 @@ def sound(group: Group) -> Iterable[str]:
         yield "holds no tile"
     for name, tile in by_name.items():
         v = {path: member.data for path, member in tile.walk() if isinstance(member, Dataset)}
-        wanted = (*REQUIRED, *PAIRS) if "pair_correlation" in tile.members else REQUIRED
-        missing = [path for path in wanted if path not in v]
+        missing = [path for path in REQUIRED if path not in v]
         faults = [f"{', '.join(missing)} missing"] if missing else [*_room(v["centers"], v["radii"], v["cell"]), *_bins(v)]
         yield from (f"{name}: {fault}" if name else fault for fault in faults)
 

@@ -12,7 +12,7 @@ from bakery import rng
 from bakery.errors import StageError
 from bakery.stages.declaration import Cost, Knob, Result, Stage, datasets, later
 from bakery.stages.packing.measures import measures
-from bakery.stages.packing.outputs import OUTPUTS, TILE
+from bakery.stages.packing.outputs import OUTPUTS, TILE, TOGETHER
 from bakery.stages.packing.rules import check, sound
 from bakery.stages.packing.section import PACKING, radii_law
 from bakery.stages.packing.view import tile_name
@@ -202,6 +202,7 @@ STAGE = Stage(
     applies=lambda recipe: recipe.packing is not None,
     sections=(PACKING,),
     outputs=OUTPUTS,
+    together=TOGETHER,
     error_measure="largest of |fraction reached - wished| / wished and, of the chords between spheres, the relative standard "
                   "errors of the mean and of every bin with at least 1/64 of them; what other tiles of the kind would differ by "
                   "in g2 and in contacts stands beside these and falls with packing.count only",

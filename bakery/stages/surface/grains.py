@@ -46,7 +46,7 @@ OUTPUTS = (
     Output(f"{_LAYERS}/straight", "(L, T, B)", "1", "share of the light of each bin of incidence that leaves below undeflected; "
            "absent over a base", optional=True, within=(0, 1)),
 )
-_NEEDED = ("first", "second", "higher", "scale", "least", "order_albedo", "noise")
+_NEEDED = ("first", "second", "higher", "scale", "least", "order_albedo", "order_albedo_error", "noise")
 _SHAPE = 0.05  # tolerance of the medium's layer, of which only shapes within cells are taken
 # of the tolerance: indices that share walks, over |index - 1|. They are walked by their mean, and the light of cells changes by a
 # third of that (balls of 1.3 and 1.5), so they are off by a third of the tolerance
@@ -238,12 +238,9 @@ def sound(group: Group) -> Iterable[str]:
     """Whether all that a look-up among grains takes is there."""
     yield from surface.sound(group)
     counted = counted_in(group)
-    members = [name for name in _NEEDED if name in counted.members]
-    if len(members) < len(_NEEDED) and (members or counted is not group):
-        yield "of " + ", ".join(_NEEDED) + f" there is only {', '.join(members)}"
-    elif members and counted["scale"].data.shape[-1] < 2:
+    if "scale" in counted.members and counted["scale"].data.shape[-1] < 2:
         yield "scale has fewer than two bins"
-    elif members and counted is not group:
+    elif counted is not group:
         sides = 2 if "transmitted" in group.members else 1
         if counted["scale"].data.shape[2] != sides or ("straight" in counted.members) != (sides == 2):
             yield f"{_LAYERS} does not hold the light of {sides} sides, and what passes straight where there are two"
@@ -286,6 +283,7 @@ OF_GRAINS = Stage(
     applies=lambda recipe: recipe.surface is not None and recipe.grains is not None,
     sections=(SURFACE,),
     outputs=OUTPUTS,
+    together=(*surface.TOGETHER, _NEEDED, (_LAYERS, *(f"{_LAYERS}/{name}" for name in _NEEDED))),
     error_measure="among grains: relative standard error of the light that comes back, root mean square over cells of pairs of "
                   "directions, by their light; of a plane layer of the medium: largest relative error as the last change of the "
                   "Legendre moments",

@@ -41,6 +41,7 @@ OUTPUTS = (
     *under.OUTPUTS,
     *spread.OUTPUTS,
 )
+TOGETHER = (("thickness", "depth"), under.NAMES, spread.NAMES)
 _THINNEST = 1e-15  # optical depth
 _TOGETHER = 4
 _ROUNDING = 1e-6  # energy that may be lost or gained
@@ -187,12 +188,9 @@ def sound(group: Group) -> Iterable[str]:
         yield from _exponents(name, group)
     if not group["index"].data[0] > 0:
         yield "index is not above 0"
-    if ("depth" in group.members) != ("thickness" in group.members):
-        yield "of depth and thickness there is only one"
+    if "thickness" not in group.members and group["reflected"].data.shape[1] > 1:
+        yield "thickness missing, of which there are several"
     yield from under.sound(group)
-    several = [name for name in spread.NAMES if name in group.members]
-    if several and len(several) < len(spread.NAMES):
-        yield "of " + ", ".join(spread.NAMES) + f" there is only {', '.join(several)}"
 
 
 def _exponents(name: str, group: Group) -> Iterable[str]:
@@ -254,6 +252,7 @@ STAGE = Stage(
     applies=lambda recipe: recipe.surface is not None and recipe.grains is None,
     sections=(SURFACE,),
     outputs=OUTPUTS,
+    together=TOGETHER,
     error_measure="largest relative error of reflectance and transmittance over angles to 89.9 degrees, as their change from two "
                   "thirds of the Legendre moments tells, and that by rounding; below a thousandth of the median, of that",
     cost=cost,

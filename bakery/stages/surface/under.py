@@ -83,11 +83,10 @@ def rebuilt(group: Group, k: int):
 
 
 def sound(group: Group) -> Iterable[str]:
-    """Whether all arrays of layers are there, and an infinite one is the last."""
-    several = [name for name in NAMES if name in group.members]
-    if several and len(several) < len(NAMES):
-        yield "of " + ", ".join(NAMES) + f" there is only {', '.join(several)}"
-    elif several:
+    """Whether an infinite layer is the last, and what boundaries mirror is there."""
+    if "mirrored" not in group.members and {"under_index", "under_reflected"} & group.members.keys():
+        yield "mirrored missing"
+    if "under_index" in group.members:
         depth, theta = group["under_depth"].data, group["under_theta"].data
         if ((depth < 0) & (depth != INFINITE_DEPTH)).any() or (depth[:, :-1] < 0).any():
             yield "under_depth is below 0 where no infinite layer ends the stack"
