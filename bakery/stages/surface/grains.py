@@ -279,7 +279,7 @@ def cost(recipe) -> Cost:
 
 OF_GRAINS = Stage(
     name="surface",
-    version=18,
+    version=19,
     title="reflectance and transmittance of packed grains",
     reads=("wavelengths", "seed", "surface", "grains.radius", "grains.components[*].weight"),
     needs=("medium", "packing", "grains"),
