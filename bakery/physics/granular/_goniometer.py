@@ -321,8 +321,8 @@ def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
             return
         if state == LEFT:
             factor = _goes_on(path, factor, draws) if hits > 1 else factor
-            # beyond the last order that is asked for nothing is counted
-            if factor == 0.0 or rules.last and order > rules.last:
+            # beyond the last order that is asked for nothing is counted; down in a half space light meets one more
+            if factor == 0.0 or rules.last and order + (path.d[2] <= 0.0 and rules.sides == 1) > rules.last:
                 return
             if hits > rules.late and order > HIGHER and not late:
                 late = True

@@ -45,12 +45,12 @@ class Counts:
 
     cells: np.ndarray  # (R, 3, C, K) share of the light of a walk, by order: first, second, higher; sums over walks
     entered: np.ndarray  # (R, 3, C, B) the same, by bin of entry
-    # walks, walks_through: (R, B) walks to the second order, and those that go beyond it, which alone count higher ones
+    # walks, walks_through: (R, B) all walks, and those that go beyond the second order, which alone count higher ones
     walks: np.ndarray
     walks_through: np.ndarray
     deeper: np.ndarray  # (R, C, B) light of the latter that the first two orders did not bring out
     inside: np.ndarray  # (C,) share of the higher orders that counts as leaving like late light, as its walks had ended
-    straight: np.ndarray  # (R, C, B) light of walks to the second order that left below undeflected
+    straight: np.ndarray  # (R, C, B) light of all walks that left below undeflected
     sums: np.ndarray  # (R, 5) of all walks: hits, walks, given up, contradicted, cut
 
 
@@ -208,10 +208,13 @@ def together(goniometer: Goniometer, short, through) -> tuple[Counts, ...]:
 
     def at(side):
         cells, of_bins = a.cells[:, side].copy(), a.entered[:, side].copy()
+        for lower in (kernel.FIRST, kernel.SECOND):  # walks to their end tell of them, too
+            cells[:, lower] += b.cells[:, side, lower]
+            of_bins[:, lower] += b.entered[:, side, lower]
         of_bins[:, kernel.HIGHER] = b.entered[:, side, kernel.HIGHER] + entered[:, side]
         for c in range(cells.shape[2]):
             cells[:, kernel.HIGHER, c] = b.cells[:, side, kernel.HIGHER, c] + forgotten(
                 CELLS, LEAST, entered[:, side, c], b.walks)
-        return Counts(cells, of_bins, a.walks, b.walks, deeper, held, a.straight, a.sums + b.sums)
+        return Counts(cells, of_bins, a.walks + b.walks, b.walks, deeper, held, a.straight + b.straight, a.sums + b.sums)
 
     return tuple(map(at, range(goniometer.sides)))

@@ -220,6 +220,7 @@ def _degrees(degrees):
     return 2 * half[:, (half / np.array(degrees)[:, None]).sum(axis=0) <= _MIXED]
 
 
+@lru_cache(maxsize=8)
 def _terms(cells, degrees):
     """Products (K, P) of even Legendre polynomials of the coordinates at the middles of cells, 1 first.
 
@@ -273,7 +274,7 @@ class Fit:
         """Light of an order at the points of a set."""
         shapes, of_cells, bins = self.sets[which]
         index, weight = of_cells[self.tables[order]]
-        value = shapes[order] * np.einsum("kc,kc->k", table[index], weight)
+        value = shapes[order] * np.einsum("kc,kc->k", table.take(index), weight)
         for low, up in bins:
             value = value * (scale[low] * (1 - up) + scale[low + 1] * up)
         return value
@@ -350,10 +351,11 @@ class Fit:
             unit_light = np.bincount(to, light) / table  # at a factor of 1
             worth, whole = _worth(light, walks, to), _worth(light, walks, 0 * to)[0]
             mean = (whole * wanted.sum() + _FEW) / (whole * unit_light.sum() + _FEW)
-            weighted = (terms * (worth * unit_light / (worth * unit_light * table + 1))[:, None]).T
+            weights = worth * unit_light / (worth * unit_light * table + 1)
+            root = terms * np.sqrt(weights * (worth * unit_light))[:, None]
             held = prior / mean**2
-            inverse = np.linalg.inv(weighted * (worth * unit_light) @ terms + held)
-            factors = inverse @ (weighted @ (worth * wanted) + mean * held[0])
+            inverse = np.linalg.inv(root.T @ root + held)  # BLAS makes a half of such a product
+            factors = inverse @ ((weights * worth * wanted) @ terms + mean * held[0])
             table = np.maximum(terms @ factors, _FAINTEST * mean)
             scale = self._scaled(order, table, scale, albedo)
         table, _ = self._kept(terms, factors, inverse, mean)

@@ -13,7 +13,6 @@ Coordinates here run from 0 to 1: sqrt(alpha/pi), so that places lie close where
 Source: Hapke 2012, Theory of Reflectance and Emittance Spectroscopy, section 8.3 (luminance coordinates).
 """
 
-import itertools
 import math
 
 import numpy as np
@@ -83,18 +82,16 @@ def quadrature(counts, points):
     rules = [np.polynomial.legendre.leggauss(number) for number in points]
     axes = [(np.arange(count)[:, None] + 0.5 * (1 + x)) / count for count, (x, _) in zip(counts, rules, strict=True)]
     share = np.prod(np.meshgrid(*(0.5 * weight for _, weight in rules), indexing="ij"), axis=0).ravel() / np.prod(counts)
-    parts = []
-    for cell in itertools.product(*map(range, counts)):
-        a, b, c = (part.ravel() for part in np.meshgrid(*(axis[i] for axis, i in zip(axes, cell, strict=True)), indexing="ij"))
-        alpha, beta, limit = math.pi * a * a, 0.5 * math.pi * c, 0.5 * math.pi * (1 - a * a)
-        longitude = limit * (1 - (1 - b) ** 2)
-        # both signs of the latitude, all azimuths of the first direction, both senses of the second about the first
-        w = share * 2 * math.pi * a * np.sin(alpha) * np.cos(beta) * 0.5 * math.pi * limit * 2 * (1 - b) * 4 * math.pi
-        mu0, mu = np.cos(beta) * np.cos(longitude - 0.5 * alpha), np.cos(beta) * np.cos(longitude + 0.5 * alpha)
-        sines = np.sqrt(np.maximum((1 - mu * mu) * (1 - mu0 * mu0), 1e-300))
-        phi = np.arccos(np.clip((mu * mu0 - np.cos(alpha)) / sines, -1, 1))
-        parts.append((mu, mu0, phi, w))
-    mu, mu0, phi, weight = (np.stack(column) for column in zip(*parts, strict=True))
+    shape = *counts, *points
+    a, b, c = (np.broadcast_to(axis.reshape([n if k % 3 == at else 1 for k, n in enumerate(shape)]), shape)
+               .reshape(-1, share.size) for at, axis in enumerate(axes))
+    alpha, beta, limit = math.pi * a * a, 0.5 * math.pi * c, 0.5 * math.pi * (1 - a * a)
+    longitude = limit * (1 - (1 - b) ** 2)
+    # both signs of the latitude, all azimuths of the first direction, both senses of the second about the first
+    weight = share * 2 * math.pi * a * np.sin(alpha) * np.cos(beta) * 0.5 * math.pi * limit * 2 * (1 - b) * 4 * math.pi
+    mu0, mu = np.cos(beta) * np.cos(longitude - 0.5 * alpha), np.cos(beta) * np.cos(longitude + 0.5 * alpha)
+    sines = np.sqrt(np.maximum((1 - mu * mu) * (1 - mu0 * mu0), 1e-300))
+    phi = np.arccos(np.clip((mu * mu0 - np.cos(alpha)) / sines, -1, 1))
     # the integral of sin alpha times limit over each slice, in closed form: near alpha = 0 it is of a^3 da, of which a point in
     # the middle of the first slice has half, and of the second 0.9
     alpha = math.pi * np.linspace(0, 1, counts[0] + 1) ** 2

@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from bakery.physics.medium.phase import phase_at
 from bakery.physics.surfaces import fresnel, single
@@ -22,6 +23,9 @@ from bakery.physics.surfaces.stack import Stacked, stacked
 
 _LEAST_NODES = 24
 _NEGLIGIBLE = 1e-3  # of the tolerance: a Fourier order below that twice in a row ends their sum
+# pairs over nodes, from which on they take a finer grid; its points over nodes, its neighbours of a pair each way, and Fourier
+# orders at once (even, for memory)
+_MANY, _FINER, _NEIGHBOURS, _AT_ONCE = 64, 4, 8, 32
 
 
 @dataclass(frozen=True)
@@ -74,10 +78,13 @@ class Solution:
     def _terms(self, orders, mu, mu0):
         """Fourier orders (M, K) at pairs of cosines (K,) in air, each cosine interpolated once."""
         (out, row), (into, column) = (np.unique(cosine, return_inverse=True) for cosine in (mu, mu0))
+        # few cosines in many pairs: between all of them first
+        crossed = len(out) * len(into) <= 2 * len(mu)
+        if not crossed and len(mu) > _MANY * self.nodes.leaving:
+            return self._terms_of_many(orders, mu, mu0)
         spans = [(span, vanishing(span, self.nodes.air, cosine)) for cosine in (out, into)
                 for span in (interpolation(self.nodes.at, coordinate(cosine, self.slab.index)),)]
-        # few cosines in many pairs: between all of them first
-        terms, crossed = np.empty((len(orders), len(mu))), len(out) * len(into) <= 2 * len(mu)
+        terms = np.empty((len(orders), len(mu)))
         for which, falling in ((slice(1), 0), (slice(1, None, 2), 0), (slice(2, None, 2), 1)):
             out, into = (span[falling] for span in spans)
             if crossed:
@@ -85,6 +92,25 @@ class Solution:
             else:
                 for number in range(len(orders))[which]:
                     terms[number] = np.einsum("ki,ki->k", (out @ orders[number])[row], into[column])
+        terms[1::2] *= sines(mu, mu0, self.slab.index)
+        return terms
+
+    def _terms_of_many(self, orders, mu, mu0):
+        """The same from a finer grid, even in the angle of cosine 1 - 2 s: in that, polynomials of s are waves, which neighbours
+        tell to 1e-6."""
+        count, waves = _FINER * self.nodes.leaving, np.arange(len(orders))
+        fine = interpolation(self.nodes.at, np.sin(0.5 * math.pi * (np.arange(count) + 0.5) / count) ** 2)
+        (out, weight_out), (into, weight_in) = (_neighbours(coordinate(cosine, self.slab.index), count) for cosine in (mu, mu0))
+        weights, points = weight_out[:, :, None] * weight_in[:, None], out[:, :, None] * count + into[:, None]
+        rows = np.arange(0, points.size + 1, _NEIGHBOURS**2)
+        between = csr_array((weights.ravel(), points.ravel(), rows), shape=(len(mu), count**2))
+        even = ((waves > 0) & (waves % 2 == 0))[:, None, None]
+        falling = (1 - self.nodes.air) * (1 + self.nodes.air)
+        terms, scaled = np.empty((len(orders), len(mu))), orders / np.where(even, falling * falling[:, None], 1.0)
+        for start in range(0, len(orders), _AT_ONCE):
+            part = fine @ scaled[start : start + _AT_ONCE] @ fine.T
+            terms[start : start + _AT_ONCE] = (between @ part.reshape(len(part), -1).T).T
+        terms[2::2] *= (1 - mu * mu) * (1 - mu0 * mu0)
         terms[1::2] *= sines(mu, mu0, self.slab.index)
         return terms
 
@@ -115,6 +141,21 @@ class Solution:
             once = once + slab.base * np.exp(-depth * (1 / inner + 1 / inner0))
         result[entering] = through * (smooth * twice / (inner + inner0 if side < 0 else 1.0) + once)
         return result
+
+
+def _neighbours(s, count: int):
+    """Points (K, n) of an even grid of `count` in the angle of cosine 1 - 2 s next to coordinates s (K,), mirrored at its ends,
+    and their weights of a polynomial through them (Lagrange)."""
+    at = 2 * count / math.pi * np.arcsin(np.sqrt(np.clip(s, 0, 1))) - 0.5
+    first = np.floor(at).astype(int) - _NEIGHBOURS // 2 + 1
+    away = (at - first)[:, None] - np.arange(_NEIGHBOURS)
+    weights = np.empty(away.shape)
+    for k in range(_NEIGHBOURS):
+        others = np.delete(np.arange(_NEIGHBOURS), k)
+        weights[:, k] = np.prod(away[:, others] / (k - others), axis=1)
+    points = first[:, None] + np.arange(_NEIGHBOURS)
+    points = np.where(points < 0, -1 - points, points)
+    return np.where(points >= count, 2 * count - 1 - points, points), weights
 
 
 def solve(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Solution | Covered | Stacked:

@@ -245,3 +245,14 @@ def test_orders_are_rounded_within_the_tolerance(slab):
         assert np.count_nonzero(orders) < 0.6 * np.count_nonzero(exact)
     mu, mu0, phi = EVERYWHERE
     np.testing.assert_allclose(result.reflection(mu, mu0, phi), solution.reflection(mu, mu0, phi), rtol=error)
+
+
+@pytest.mark.parametrize(("index", "depth"), [(1.0, math.inf), (1.5, 2.0), (0.8, 2.0)])
+def test_many_pairs_are_those_of_few(index, depth):
+    """Many pairs take a finer grid, few the polynomials themselves."""
+    solution = solve(Slab(*henyey_greenstein(0.7), 0.99, depth, index), 0.7 ** np.arange(33.0), 32, 1e-3)
+    (mu, mu0), phi = np.random.default_rng(1).uniform(GRAZING, 1, (2, 4000)), np.linspace(0, math.pi, 4000)
+    assert len(mu) > 64 * solution.nodes.leaving
+    for light in (solution.reflection, solution.transmission):
+        few = np.concatenate([light(*(part[at:at + 500] for part in (mu, mu0, phi))) for at in range(0, 4000, 500)])
+        np.testing.assert_allclose(light(mu, mu0, phi), few, rtol=1e-5, atol=1e-7)
