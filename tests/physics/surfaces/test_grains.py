@@ -15,8 +15,8 @@ from bakery.physics.grains.sampling import next_uniform
 from bakery.physics.grains.sphere import ball
 from bakery.physics.grains.surface import conductor, dielectric, diffuse
 from bakery.physics.grains.traces import nodes
+from bakery.physics.granular._aimed import aimed
 from bakery.physics.granular._clear import refracted
-from bakery.physics.granular._goniometer import _aimed
 from bakery.physics.granular._packed import Draws
 from bakery.physics.granular.goniometer import BINS, CELLS, Goniometer, together
 from bakery.physics.granular.packed import Grain
@@ -140,7 +140,7 @@ def _turns(draws, out):
     for row in out:
         across, azimuth = next_uniform(draws.stream, draws.pool), 2 * math.pi * next_uniform(draws.stream, draws.pool)
         lobe = math.sqrt(across) * math.cos(azimuth), math.sqrt(across) * math.sin(azimuth), math.sqrt(1 - across)
-        (row[0], row[1], row[2]), _, row[3] = _aimed((s, 0.0, -s), (0.0, 0.0, 1.0), lobe, draws)
+        (row[0], row[1], row[2]), _, row[3] = aimed((s, 0.0, -s), (0.0, 0.0, 1.0), lobe, draws)
 
 
 def test_aimed_walks_bring_what_a_matt_surface_sends_back():
