@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.physics.grains.bvh import mesh_scratch, nearest_triangle, triangle_normal
-from bakery.physics.grains.sampling import AHEAD, FAINT, next_uniform, surface_frame
+from bakery.physics.grains.sampling import AHEAD, FAINT, next_uniform
 from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, fresnel_conductor
+from bakery.physics.granular._aimed import aimed
 from bakery.physics.granular._clear import refracted
 from bakery.physics.granular._packed import FAR, Draws, Kind, begin_beyond, leave, turned
 from bakery.physics.granular.flights import flight_in_slab
@@ -22,8 +23,6 @@ ORDERS = 3
 FOLLOWED = 16  # of walks whose light is late, one goes on, which tells how much of it leaves
 STEEPEST = 1e-4  # least cosine at which light enters: 89.994 degrees
 _STRAIGHT = 5e-13  # 1 - cosine up to which light counts as not deflected
-# of walks at their first matt surface, that are aimed almost straight back; root of the phase angle over pi up to which
-AIMED, NARROW = 0.2, 0.25
 # What is counted beside light: hits, walks, those given up (no sphere ahead), contradicted and cut in a grain
 HITS, WALKS, GIVEN_UP, CONTRADICTED, CUTS = range(5)
 SUMS = 5
@@ -41,7 +40,8 @@ class Rules(NamedTuple):
     """Order after which walks end (0: none), hits after which light is late and with which a walk ends, meetings with one grain's
     surface after which a path is cut, cells along the coordinates of pairs (3,), bins of the root of the cosine, decay (C,) per
     unit of depth of light that is still inside, thickness of the layer (inf: none), sides at which light leaves (2: also below),
-    albedo (C,) of a matt plane under the lowest grains where there is no second side."""
+    albedo (C,) of a matt plane under the lowest grains where there is no second side, whether light of the third order that
+    leaves by the grain of the first is told by walks to the second order, which are many."""
 
     last: int
     late: int
@@ -53,6 +53,7 @@ class Rules(NamedTuple):
     thickness: float
     sides: int
     base: np.ndarray
+    returns: bool
 
 
 class Counted(NamedTuple):
@@ -99,38 +100,13 @@ def _turned(grain, channels, d, n, draws, carried, fresh):
     dx, dy, dz, z, share, cosine = turned(grain, d, n, draws)
     if grain.matter == DIFFUSE:
         if fresh:
-            (dx, dy, dz), z, share = _aimed(d, n, (dx, dy, dz), draws)
+            (dx, dy, dz), z, share = aimed(d, n, (dx, dy, dz), draws)
         for c in range(len(carried)):
             carried[c] *= channels[0, c]
     elif grain.matter == CONDUCTOR:
         for c in range(len(carried)):
             carried[c] *= fresnel_conductor(cosine, channels[0, c], channels[1, c])
     return dx, dy, dz, z, share
-
-
-@njit(nogil=True, error_model="numpy", forceinline=True)
-def _aimed(d, n, turned_to, draws):
-    """A direction for light that comes in along d to a matt surface, its part along the normal n, and its weight.
-
-    It is that of the surface's lobe, or, by chance, almost straight back, where next to none of that goes and the factors of the
-    first order change most (opposition effect): evenly in the root of the phase angle, as cells lie.  The weight is the lobe over
-    the density of both (one-sample balance heuristic; Veach and Guibas, SIGGRAPH 1995).
-    """
-    (bx, by, bz), (dx, dy, dz) = (-d[0], -d[1], -d[2]), turned_to
-    if next_uniform(draws.stream, draws.pool) < AIMED:
-        root = NARROW * next_uniform(draws.stream, draws.pool)
-        alpha, azimuth = math.pi * root * root, 2.0 * math.pi * next_uniform(draws.stream, draws.pool)
-        sx, sy, sz, tx, ty, tz = surface_frame(bx, by, bz)
-        u, v, w = math.sin(alpha) * math.cos(azimuth), math.sin(alpha) * math.sin(azimuth), math.cos(alpha)
-        dx, dy, dz = u * sx + v * tx + w * bx, u * sy + v * ty + w * by, u * sz + v * tz + w * bz
-    z = dx * n[0] + dy * n[1] + dz * n[2]
-    if z <= 0.0:
-        return (dx, dy, dz), z, 0.0
-    chord = math.sqrt((dx - bx) ** 2 + (dy - by) ** 2 + (dz - bz) ** 2)
-    alpha, lobe, aimed = 2.0 * math.asin(min(0.5 * chord, 1.0)), z / math.pi, 0.0
-    if alpha < math.pi * NARROW * NARROW:
-        aimed = 1.0 / max(4.0 * math.pi * NARROW * math.sin(alpha) * math.sqrt(math.pi * alpha), 1e-300)
-    return (dx, dy, dz), z, lobe / ((1.0 - AIMED) * lobe + AIMED * aimed)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -282,7 +258,8 @@ def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
     bin0, mu0, ex, ey, top = _begin(path, cell, levels, rules.bins, draws)
     base, bottom = path.left_behind[3], top - rules.thickness
     above, below = top + levels[2], bottom - levels[2]
-    order, hits, factor, late = 0, 0, 1.0, False
+    order, hits, factor, late, returned = 0, 0, 1.0, False, False
+    first, copy_x, copy_y, copy_z = path.left_behind  # sphere of the first hit
     out.walks[bin0] += 1.0
     out.sums[WALKS] += 1.0
     while True:
@@ -301,17 +278,23 @@ def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
                 out.sums[HITS] += 1.0
                 out.walks[bin0] += weight - 1.0  # as much light as is followed: no more of it leaves than came in
                 factor *= kept
-                order += _is_deflected(path)
+                if hits == 1:
+                    first, copy_x, copy_y, copy_z = path.sphere
+                if _is_deflected(path):
+                    order += 1
+                    returned = rules.returns and order == HIGHER + 1 and (
+                        first, copy_x, copy_y, copy_z) == (path.sphere[0], path.sphere[1], path.sphere[2], path.sphere[3])
             begin_beyond(path, tile.centers, radius)
         elif not rises and (path.d[2] == 0.0 or below == -np.inf):
             out.sums[GIVEN_UP] += 1.0
             return
         elif rises or rules.sides == 2:
-            _count_out(path, order, late, factor, mu0, ex * path.d[0] + ey * path.d[1] - mu0 * path.d[2], bin0, rules, out)
+            cosine = ex * path.d[0] + ey * path.d[1] - mu0 * path.d[2]
+            _count_out(path, (order, late, returned), factor, mu0, cosine, bin0, rules, out)
             return
         else:
             _reflect(path, limit, rules.base, draws)
-            state, hits, order = LEFT, hits + 1, order + 1
+            state, hits, order, returned = LEFT, hits + 1, order + 1, False
         if hits >= rules.most:
             if not late:  # hardly any grain deflects light
                 out.sums[GIVEN_UP] += 1.0
@@ -321,8 +304,10 @@ def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
             return
         if state == LEFT:
             factor = _goes_on(path, factor, draws) if hits > 1 else factor
-            # beyond the last order that is asked for nothing is counted; down in a half space light meets one more
-            if factor == 0.0 or rules.last and order + (path.d[2] <= 0.0 and rules.sides == 1) > rules.last:
+            # beyond the last order that is asked for nothing is counted; down in a half space light meets one more, which may be
+            # the sphere of the first hit
+            ahead = path.d[2] <= 0.0 and rules.sides == 1 and not rules.returns
+            if factor == 0.0 or rules.last and order + ahead > rules.last and not returned:
                 return
             if hits > rules.late and order > HIGHER and not late:
                 late = True
@@ -429,13 +414,15 @@ def _count_inside(path, factor, depth, deepest, rules, out):
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _count_out(path, order, late, factor, mu0, cosine, bin0, rules, out):
-    """Light that left.  cosine : of the scattering angle;  undeflected light leaves below alone.
+def _count_out(path, kind, factor, mu0, cosine, bin0, rules, out):
+    """Light that left.  kind : its order, whether it is late, whether it is as `Rules.returns` says;  cosine : of the scattering
+    angle;  undeflected light leaves below alone.
 
     Below, the pair is that of the light's origin and of the direction opposite to that in which it leaves.
     """
+    order, late, returned = kind
     at, side = min(order - 1, HIGHER), 0 if path.d[2] > 0.0 else 1
-    if rules.last and order > rules.last:
+    if rules.last and order > rules.last and not returned:
         return
     cell = cell_of(max(abs(path.d[2]), 1e-12), mu0, cosine if side else -cosine, rules.cells)
     for c in range(len(path.carried)):
@@ -445,5 +432,7 @@ def _count_out(path, order, late, factor, mu0, cosine, bin0, rules, out):
         elif late:
             out.late[side, c] += light
         else:
-            out.cells[side, at, c, cell] += light
-            out.entered[side, at, c, bin0] += light
+            if rules.last or not returned:
+                out.cells[side, at, c, cell] += light
+            if not (rules.last and returned):
+                out.entered[side, at, c, bin0] += light

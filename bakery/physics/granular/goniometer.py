@@ -135,6 +135,12 @@ class Goniometer:
             keeps &= grain.surface.roughness == 0
         return keeps
 
+    @property
+    def returns(self) -> bool:
+        """Whether there are smooth clear balls: before them others send light back to where it came from, as eyes of cats do."""
+        return any(grain.mesh is None and grain.surface.kind == DIELECTRIC and grain.surface.roughness == 0
+                   for grain in self.grains)
+
     def arrays(self):
         """Arguments of `_goniometer.counted` before those that tell walks apart."""
         with self._lock:
@@ -183,7 +189,7 @@ def run(goniometer: Goniometer, replicate: int, first: int, count: int, through:
     height = goniometer.cell[2]
     rules = kernel.Rules(0 if through else 2, goniometer.late, LATEST * goniometer.late, goniometer.depth,
                          np.array(CELLS, np.int64), BINS, goniometer.decay, float(goniometer.thickness), goniometer.sides,
-                         np.zeros(0) if goniometer.base is None else np.array(goniometer.base, float))
+                         np.zeros(0) if goniometer.base is None else np.array(goniometer.base, float), goniometer.returns)
     low, high = goniometer.surface
     return kernel.counted(tile, grains, matter, key, np.uint64(replicate), first, count, (low * height, high * height), rules)
 
@@ -211,9 +217,10 @@ def together(goniometer: Goniometer, short, through) -> tuple[Counts, ...]:
         for lower in (kernel.FIRST, kernel.SECOND):  # walks to their end tell of them, too
             cells[:, lower] += b.cells[:, side, lower]
             of_bins[:, lower] += b.entered[:, side, lower]
+        cells[:, kernel.HIGHER] *= (b.walks.sum(axis=1) / np.maximum(a.walks.sum(axis=1), 1.0))[:, None, None]
         of_bins[:, kernel.HIGHER] = b.entered[:, side, kernel.HIGHER] + entered[:, side]
         for c in range(cells.shape[2]):
-            cells[:, kernel.HIGHER, c] = b.cells[:, side, kernel.HIGHER, c] + forgotten(
+            cells[:, kernel.HIGHER, c] += b.cells[:, side, kernel.HIGHER, c] + forgotten(
                 CELLS, LEAST, entered[:, side, c], b.walks)
         return Counts(cells, of_bins, a.walks + b.walks, b.walks, deeper, held, a.straight + b.straight, a.sums + b.sums)
 

@@ -9,6 +9,7 @@ order of the directions, so reciprocity holds exactly.
 """
 
 import math
+from copy import copy
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -40,9 +41,10 @@ _LEAST_LIGHT = 1e-12  # of all: what a cell's misfit counts by at least
 # variances of counts, beyond which a cell's own say that the cells around do not speak for it, and that the fit is off
 _CONFLICT, _RESOLVED = 9.0, 1.0
 _FEW = 8.0  # walks' worth of light by which a cell is held to the medium: what noise moves where next to none goes
+_NARROW = 12  # slices of the phase angle, to 11 degrees, that the light of higher orders which goes straight back may fill
 _POINTS = (1, 4, 3)  # of quadrature along the coordinates of a cell
 _RIM = 64  # points along the second coordinate, which tell how much light enters in a cell
-_ACROSS, _AROUND = 24, 24  # directions out along the root of the cosine and over half of the azimuth
+_ACROSS, _AROUND = 24, 48  # directions out along the root of the cosine and over half of the azimuth
 
 
 @dataclass(frozen=True)
@@ -240,13 +242,13 @@ class Fit:
     cells : (3,) cells of what was counted
     bins, least : bins of the root of the cosine of incidence, from `least` to 1
     side : -1: of light that comes back, 1: that leaves below
-    peak : (48,) what the first order's factors are before any count, by slice of the phase angle; 1 if None
+    peak : (48,) what the first order's factors are before any count, by slice of the phase angle; 1 if None.  With it higher
+        orders have a peak that is counted, and no slices leave the polynomial
     """
 
     def __init__(self, solution: Solution, cells, bins: int, least: float, side: int = -1, peak=None):
         self.tables, self.bins, self.least, self.solution = TABLES, bins, least, solution
-        self.side = side
-        self.peak = np.broadcast_to(np.ones(TABLES[0][0]) if peak is None else peak, TABLES[0][::-1]).T
+        self.side, self.peak = side, peak
         mu, mu0, phi, light = (part.ravel() for part in _entering(tuple(cells), least))
         self.points, self.light = math.prod(_POINTS), light
         self.inward = middles(bins, least) ** 2
@@ -260,9 +262,9 @@ class Fit:
         """Shapes, where the pairs lie among cells and bins."""
         of_cells = {fine: pairs.interpolation(mu, mu0, phi, fine) for fine in set(self.tables)}
         once, *others = shares(self.solution, mu, mu0, phi if self.side < 0 else math.pi - phi, self.side)
-        index, weight = of_cells[self.tables[0]]
-        shapes = once * np.einsum("kc,kc->k", self.peak.ravel()[index], weight), *others
-        return shapes, of_cells, [self._between(cosine) for cosine in (mu, mu0)]
+        if self.peak is not None:
+            once = once * pairs.by_slice(self.peak, of_cells[TABLES[0]], TABLES[0])
+        return (once, *others), of_cells, [self._between(cosine) for cosine in (mu, mu0)]
 
     def _between(self, mu):
         """Bins and weight of the upper one, as `np.interp` takes them."""
@@ -287,6 +289,22 @@ class Fit:
         """Albedo of an order in the middle of each bin of incidence."""
         return self._values(1, order, table, scale).reshape(self.bins, -1) @ self.albedo_weight
 
+    def narrowed(self, cells, walks):
+        """This fit with a peak of higher orders straight back, as slices of the phase angle have it over what goes beside it.
+
+        Light that another ball sends back to the one by which it entered leaves almost parallel.  cells, walks : as of `fitted`
+        """
+        light = self.in_cells(2, np.ones(math.prod(self.tables[2])), np.ones(self.bins))
+        to, beside = merged(self.cells, (TABLES[0][0], 1, 1)), slice(_NARROW, 2 * _NARROW)
+        wanted, modelled, worth = np.bincount(to, cells), np.bincount(to, light), _worth(light, walks, to)
+        whole = wanted[beside].sum() / max(modelled[beside].sum(), 1e-300)
+        peak = (worth * wanted + _FEW) / (worth * modelled * whole + _FEW)
+        peak[_NARROW:] = 1.0
+        other = copy(self)
+        other.peak, other.sets = peak, [((*lower, higher * pairs.by_slice(peak, of_cells[TABLES[0]], TABLES[0])), of_cells, bins)
+                                        for (*lower, higher), of_cells, bins in self.sets]
+        return other
+
     def fitted(self, order: int, cells, albedo, walks):
         """Table and scale of an order, and of its light in the cells of `SHOWN` the relative variance (K,) and misfit (K,).
 
@@ -299,7 +317,7 @@ class Fit:
         """
         fine, walks = self.tables[order], np.broadcast_to(np.asarray(walks, float), len(cells))
         table, scale, variance = self._smooth(order, cells, albedo, walks)
-        for level in LEVELS[order]:
+        for level in LEVELS[order] if self.peak is None else (SHOWN,):
             to, of = merged(self.cells, level), merged(fine, level)
             light = self.in_cells(order, table, scale)
             wanted, modelled, worth = np.bincount(to, cells), np.bincount(to, light), _worth(light, walks, to)
@@ -310,11 +328,14 @@ class Fit:
                 # the polynomial's counts as far as cells are held to it
                 kept = 1 / (1 + worth * modelled / holds)
                 variance = kept**2 * variance + 1 / (worth * modelled + holds)
-            base = table
+            base, before = table, modelled
             free = np.isfinite(holds)
             for _ in range(_ROUNDS if free.any() else 0):
                 ratio = np.bincount(of, table) / np.bincount(of, base)  # by which the cells of this level moved
-                change = np.divide(worth * wanted + holds, worth * modelled / ratio + holds, out=np.ones(len(holds)), where=free)
+                # cells are held to their light, not to their table: as scale took over what others' tables gave, slices lost half
+                unit = modelled / ratio
+                stays = np.divide(before, unit, out=np.ones(len(unit)), where=unit > 0)
+                change = np.divide(worth * wanted + holds * stays, worth * unit + holds, out=stays, where=free)
                 table = base * change[of]
                 scale = self._scaled(order, table, scale, albedo)
                 modelled = np.bincount(to, self.in_cells(order, table, scale))
@@ -417,10 +438,14 @@ def factors_of(fit: Fit, cells, entered, walks, kept, elsewhere=0.0, spread=(1.0
     albedos.append(kept * np.maximum(1 - albedos[0] - albedos[1] - elsewhere, 0.0))
     tables, scales, light, variances, misfits = [], [], [], [], []
     for order, (part, n) in enumerate(zip(cells, numbers, strict=True)):
-        table, scale, variance, misfit = fit.fitted(order, part / max(n.sum(), 1.0), albedos[order], n.sum() / spread[order])
-        tables.append(table.reshape(fit.tables[order]) * (1.0 if order else fit.peak))
+        part, n = part / max(n.sum(), 1.0), n.sum() / spread[order]
+        of_order = fit.narrowed(part, n) if order == 2 and fit.peak is not None else fit
+        table, scale, variance, misfit = of_order.fitted(order, part, albedos[order], n)
+        light.append(of_order.in_cells(order, table, scale))
+        table = table.reshape(fit.tables[order])
+        peak = None if fit.peak is None or order == 1 else of_order.peak[:, None, None]
+        tables.append(table if peak is None else pairs.finer(table, len(peak)) * peak)
         scales.append(scale)
-        light.append(fit.in_cells(order, table, scale))
         variances.append(variance)
         misfits.append(misfit)
     return (Factors(tuple(tables), np.stack(scales), fit.least), np.stack(light), np.stack(albedos), np.stack(variances),

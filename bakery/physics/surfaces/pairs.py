@@ -71,6 +71,20 @@ def interpolation(mu, mu0, phi, counts):
     return index, weight
 
 
+def by_slice(values, where, counts):
+    """Values (A,) of slices of the phase angle, between their middles, (K,) at pairs; where : their `interpolation`."""
+    index, weight = where
+    return np.einsum("kc,kc->k", values[index // (counts[1] * counts[2])], weight)
+
+
+def finer(table, slices: int):
+    """A table (A, U, V) at the middles of more slices of the phase angle, (slices, U, V)."""
+    at = np.clip((np.arange(slices) + 0.5) / slices * len(table) - 0.5, 0, len(table) - 1)
+    low = np.minimum(at.astype(int), len(table) - 2)
+    up = (at - low)[:, None, None]
+    return table[low] * (1 - up) + table[low + 1] * up
+
+
 def quadrature(counts, points):
     """Pairs of directions for integrals over cells: `points` (3,) Gauss points along the coordinates of each cell.
 

@@ -22,7 +22,7 @@ _OF_GRAINS = (
     Output("first", "(L, C, D, F)", "1", f"light that one grain deflects over that of the medium, {_PAIR}", optional=True),
     Output("second", "(L, H, U, V)", "1", f"light that two grains deflect over what the medium scatters several times, {_PAIR}",
            optional=True),
-    Output("higher", "(L, H, U, V)", "1", f"light that more grains deflect over what the medium scatters several times, {_PAIR}",
+    Output("higher", "(L, G, U, V)", "1", f"light that more grains deflect over what the medium scatters several times, {_PAIR}",
            optional=True),
     Output("scale", "(L, 3, B)", "1", "factor of either direction, by order, over the root of its cosine", optional=True),
     Output("least", "(1,)", "1", "root of the cosine where bins of incidence begin; they end at 1", optional=True, within=(0, 1)),
@@ -278,7 +278,7 @@ def cost(recipe) -> Cost:
 
 OF_GRAINS = Stage(
     name="surface",
-    version=19,
+    version=20,
     title="reflectance and transmittance of packed grains",
     reads=("wavelengths", "seed", "surface", "grains.radius", "grains.components[*].weight"),
     needs=("medium", "packing", "grains"),
