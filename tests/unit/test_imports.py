@@ -34,7 +34,7 @@ MAY = {
 # of these alone renderers are seen, from outside: the commands have them besides
 WITH_RENDERERS = {"scenes": ("renderers.choice", "renderers.pictures", "renderers.scene")}
 OUTSIDE = {"numpy", "scipy", "numba", "math", "cmath", "functools", "dataclasses", "collections", "typing", "__future__",
-           "array", "contextlib", "hashlib", "inspect", "itertools", "os", "pathlib", "llvmlite", "concurrent", "csv", "sys",
+           "array", "contextlib", "copy", "hashlib", "inspect", "itertools", "os", "pathlib", "llvmlite", "concurrent", "csv", "sys",
            "threading", "operator", "heapq", "re", "time"}
 # what these import they import when they are asked for, and no other physics does
 ENGINE = {"bakery/physics/multiple/symbolic.py": {"drjit"},
