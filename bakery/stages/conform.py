@@ -88,14 +88,13 @@ def stages_of(root: Group) -> list[Stage]:
 
 
 def _declared_by(root: Group) -> list[Stage]:
-    """What each group is held to, also where what it was made of is gone: of several the stage that knows most of its members."""
-    def fits(stage):
-        known = {output.path.partition("/")[0] for output in stage.outputs} & root[stage.name].members.keys()
-        return len(known), all(need in root.members for need in stage.needs), len(stage.needs)
+    """What each group is held to: of one whose upstream groups are gone the declaration that knows most of its members."""
+    def known(stage):
+        return len({output.path.partition("/")[0] for output in stage.outputs} & root[stage.name].members.keys())
 
-    chosen: dict[str, Stage] = {}
-    for stage in sorted(filter(lambda stage: stage.name in root.groups, all_stages()), key=fits):
-        chosen[stage.name] = stage
+    chosen = {stage.name: stage for stage in stages_of(root)}
+    others = [stage for stage in all_stages() if stage.name in root.groups and stage.name not in chosen]
+    chosen |= {stage.name: stage for stage in sorted(others, key=known)}
     return [stage for stage in all_stages() if stage in chosen.values()]
 
 

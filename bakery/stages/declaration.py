@@ -334,12 +334,12 @@ class Stage:
     inputs: Callable[[Any, Mapping[str, Group]], dict]
     compute: Callable[[dict, Context], Result]
     check: Callable[[Group], Iterable[str]]
-    together: tuple[tuple[str, ...], ...] = ()
     knobs: tuple[Knob, ...] = field(default=())
     measures: Callable[[Group, Group], Mapping[str, float]] | None = None
     reference: Mapping[str, str] = field(default_factory=dict, hash=False)
     tolerance_key: str = "tolerance"
     sections: tuple[RecipeSection, ...] = ()
+    together: tuple[tuple[str, ...], ...] = ()
     sound: Callable[[Group], Iterable[str]] = _nothing
     view: Callable[[Group], Any] | None = None
     pictures: Callable[[Group], Iterable] = _nothing

@@ -126,7 +126,7 @@ MORE = {
     "small cell": ("tile", changed("packing/cell", lambda cell: 1e-6 * np.ones(3)),
                    "packing: a sphere that overlaps its own images"),
     "no error of pairs": ("tile", without("packing/pair_correlation/g_error"),
-                          "packing/pair_correlation/g_error: missing beside pair_correlation/edges"),
+                          "packing/pair_correlation/g_error: missing beside pair_correlation"),
     "farther corners": ("haze", far_corners(2048), "multiple: point/w0: corner goes to"),
     "corners of other cells": ("haze", far_corners(2), "multiple: point/w0: corner is for cells of 1/"),
     "faces of nothing": ("shot", changed("grains/ball/faces", lambda faces: 10**6 + faces), "grains/ball/faces: holds 1"),
@@ -264,11 +264,8 @@ def test_letters_are_one_length():
 
 def test_members_that_come_together_are_asked_for(sound):
     """Of all that a stage declares to come together each member is named where it alone is missing."""
-    polarised = sound["fog"]
-    for name in ("s11", "s12", "s33", "s34"):
-        polarised = with_member(polarised, f"medium/{name}", polarised["medium/phase"])
     asked_for = set()
-    for root in [polarised, *(sound[name] for name in ("tile", "haze", "drops"))]:
+    for root in (sound[name] for name in ("tile", "haze", "drops")):
         for stage in stages_of(root):
             there = {path for path, member in root[stage.name].walk() if isinstance(member, Dataset)}
             held = [path for paths in stage.together for path in paths if path in there]
@@ -276,14 +273,13 @@ def test_members_that_come_together_are_asked_for(sound):
                 fault = declared(with_member(root, f"{stage.name}/{path}", None))[0]
                 assert fault.startswith(f"{stage.name}/{path}: missing beside"), fault
             asked_for |= {f"{stage.name}/{path}" for path in held}
-    assert asked_for >= {"medium/s12", "packing/pair_correlation/g", "surface/depth", "surface/spread", "discrete/radius",
+    assert asked_for >= {"packing/pair_correlation/g", "surface/depth", "surface/spread", "discrete/radius",
                          "discrete/cell_edge"}
 
 
 def test_a_group_is_checked_without_what_it_was_made_of(sound):
     """Readers of `discrete` and `surface` ask for these members, whether or not the groups upstream are there."""
-    for of, upstream, path in (("haze", "medium", "surface/cosine"), ("drops", "optics", "discrete/box"),
-                               ("shot", "packing", "medium/lambda_s")):
+    for of, upstream, path in (("haze", "medium", "surface/cosine"), ("drops", "optics", "discrete/box")):
         root = with_member(sound[of], upstream, None)
         assert declared(root) == []
         assert declared(with_member(root, path, None))[0] == f"{path}: missing"

@@ -34,8 +34,8 @@ MAY = {
 # of these alone renderers are seen, from outside: the commands have them besides
 WITH_RENDERERS = {"scenes": ("renderers.choice", "renderers.pictures", "renderers.scene")}
 OUTSIDE = {"numpy", "scipy", "numba", "math", "cmath", "functools", "dataclasses", "collections", "typing", "__future__",
-           "array", "contextlib", "copy", "hashlib", "inspect", "itertools", "os", "pathlib", "llvmlite", "concurrent", "csv", "sys",
-           "threading", "operator", "heapq", "re", "time"}
+           "array", "contextlib", "copy", "hashlib", "inspect", "itertools", "os", "pathlib", "llvmlite", "concurrent", "csv",
+           "sys", "threading", "operator", "heapq", "re", "time"}
 # what these import they import when they are asked for, and no other physics does
 ENGINE = {"bakery/physics/multiple/symbolic.py": {"drjit"},
           "bakery/physics/sizes/distributions.py": {"importlib"}, "bakery/physics/shapes/repair.py": {"pymeshlab"}}

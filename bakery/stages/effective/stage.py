@@ -272,7 +272,6 @@ OF_GRAINS = Stage(
     applies=lambda recipe: recipe.grains is not None,
     sections=(EFFECTIVE,),
     outputs=OUTPUTS,
-    together=medium.TOGETHER,
     error_measure="how far light spreads with sigma_t against a random walk through the explicit grains of the tile (relative "
                   "difference of the square roots of the mean square displacements, nothing absorbed); or the standard error of "
                   "that, or of sigma_t, or the relative error of 1 - albedo g with the table's g, if larger; where fewer grains "

@@ -58,4 +58,5 @@ OUTPUTS = (
     *_with_errors("COMPONENT/lossless/", LOSSLESS, "(L,)"),
 )
 _SIZED = "COMPONENT/by_radius"
-TOGETHER = ((_SIZED, *(output.path for output in OUTPUTS if output.path.startswith(f"{_SIZED}/"))),)
+TOGETHER = ((_SIZED, *(output.path for output in OUTPUTS if output.path.startswith(f"{_SIZED}/") and
+                       not output.path.endswith("_error"))),)

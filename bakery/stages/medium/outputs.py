@@ -28,8 +28,6 @@ OUTPUTS = (
     Output("s34", "(L, A)", "1/sr", "Mueller element s34, for the time factor exp(-i w t)", optional=True, within=ANY),
 )
 
-TOGETHER = (("s11", *ELEMENTS),)
-
 
 def members_of(sigma_s, sigma_a, theta, elements, sigma_t=None, albedo=None) -> dict:
     """The group's datasets; elements (L, E, A)."""

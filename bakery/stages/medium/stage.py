@@ -9,7 +9,7 @@ from bakery.stages import rules
 from bakery.stages.declaration import Cost, Result, Stage, datasets, later
 from bakery.stages.medium import of_file
 from bakery.stages.medium.expansion import QUERIES
-from bakery.stages.medium.outputs import OUTPUTS, TOGETHER, members_of
+from bakery.stages.medium.outputs import OUTPUTS, members_of
 from bakery.stages.medium.section import MEDIUM, coefficients, phase_keys
 from bakery.stages.optics import stage as optics
 from bakery.stages.optics.amounts import AMOUNTS, amounts
@@ -163,7 +163,6 @@ OF_PARTICLES = Stage(
     needs=("optics",),
     applies=lambda recipe: recipe.particles is not None,
     outputs=OUTPUTS,
-    together=TOGETHER,
     error_measure="largest relative error of sigma_t, sigma_s, albedo, g and of the phase function at any angle, as estimated by "
                   "optics; sigma_a has its own, sigma_a_bias",
     cost=_cost_of_particles,
@@ -186,7 +185,6 @@ OF_COEFFICIENTS = Stage(
     needs=(),
     applies=lambda recipe: recipe.medium is not None,
     outputs=OUTPUTS,
-    together=TOGETHER,
     error_measure="largest relative error of the tabulated phase function between its angles; "
                   "a user's table is exact by definition, and a file of optical properties at its wavelengths; between them the "
                   "largest relative error of interpolation",
