@@ -151,8 +151,8 @@ def _stage(stage: dict) -> list[str]:
     spent = ", ".join(words.format(shown(value)) for words, value, shown in cost if value is not None)
     reached = f"error {_error(stage['achieved_error'])} of {_short(stage['tolerance'])} allowed: {clean(stage['error_measure'])}"
     current = stage["current_version"] or stage["stage_version"]
-    other = f"; this bakery writes version {current}, `bake RECIPE` bakes it anew" if current != stage["stage_version"] else ""
-    lines = [f"stage {clean(stage['group'])}, version {stage['stage_version']}{other}", f"  {reached}"]
+    outdated = f"; this bakery writes version {current}, `bake RECIPE` bakes it anew" if current != stage["stage_version"] else ""
+    lines = [f"stage {clean(stage['group'])}, version {stage['stage_version']}{outdated}", f"  {reached}"]
     lines += [f"  MISSED: {clean(stage['missed'])}"] if stage["missed"] else []
     lines += [f"  {spent}"] if spent else []
     lines += [f"  note: {clean(note)}" for note in stage["notes"]]

@@ -89,12 +89,12 @@ def stages_of(root: Group) -> list[Stage]:
 
 def _declared_by(root: Group) -> list[Stage]:
     """What each group is held to: of one whose upstream groups are gone the declaration that knows most of its members."""
-    def known(stage):
+    def members_known(stage):
         return len({output.path.partition("/")[0] for output in stage.outputs} & root[stage.name].members.keys())
 
     chosen = {stage.name: stage for stage in stages_of(root)}
     others = [stage for stage in all_stages() if stage.name in root.groups and stage.name not in chosen]
-    chosen |= {stage.name: stage for stage in sorted(others, key=known)}
+    chosen |= {stage.name: stage for stage in sorted(others, key=members_known)}
     return [stage for stage in all_stages() if stage in chosen.values()]
 
 

@@ -85,12 +85,12 @@ def light_number(positions, emitter):
     return dr.gather(mi.Int32, positions, dr.reinterpret_array(mi.UInt32, emitter))
 
 
-def by_number(things, values, kind=np.uint32, other=0):
-    """Values of shapes or of emitters, by Dr.Jit's numbers for them, which begin at 1; `other` of what is none of these.  Where
+def by_number(things, values, kind=np.uint32, default=0):
+    """Values of shapes or of emitters, by Dr.Jit's numbers for them, which begin at 1; `default` of what is none of these.  Where
     one is listed twice the later value holds."""
     numbers = [int(dr.reinterpret_array(mi.UInt32, (mi.ShapePtr if isinstance(thing, mi.Shape) else mi.EmitterPtr)(thing))[0])
                for thing in things]
-    table = np.full(max(numbers, default=0) + 1, other, kind)
+    table = np.full(max(numbers, default=0) + 1, default, kind)
     for number, value in zip(numbers, values, strict=True):
         table[number] = value
     return table

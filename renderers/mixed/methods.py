@@ -32,9 +32,7 @@ def prepare(job, world, seed) -> Method:
     filled = contents.shown_alike(filled, assets)
     filled = [content._replace(reasons=(*content.reasons, *changing[number].reasons)) if number in changing else content
               for number, content in enumerate(filled)]
-    packed = {number: content.what for number, content in enumerate(filled) if isinstance(content.what, contents.Grains)}
-    material.refuse_overlap(scene, packed, [content.grains for content in packed.values()],
-                            [content.region for content in packed.values()])
+    _refuse_overlap(scene, filled)
     _refuse_twins(scene, filled)
     reasons = [BANDS] * spectra.bands + [reason for content in filled for reason in content.reasons]
     materials = [filled[number].what for number in inside]
@@ -136,6 +134,13 @@ def _in_one_loop(name, world, materials, colours, seed, reasons, figures, inside
         return figures | {"layers": {"material": _of_entries(numbers, inside)}}
 
     return Method(name, (part,), reasons, after, features=lambda quality: _features(world, materials, colours, seed))
+
+
+def _refuse_overlap(scene, filled):
+    """UsageError where grains of one entry reach into the mesh of another's."""
+    packed = {number: content.what for number, content in enumerate(filled) if isinstance(content.what, contents.Grains)}
+    grains, meshes = ([getattr(content, name) for content in packed.values()] for name in ("grains", "region"))
+    material.refuse_overlap(scene, packed, grains, meshes)
 
 
 def _refuse_twins(scene, filled):

@@ -24,8 +24,6 @@ from renderers.preview import grains, lobe, studio
 from renderers.preview.lobe import length
 from renderers.progress import share
 
-import mitsuba as mi  # isort: skip
-
 REDUCED_PATHS, DIFFUSION_LENGTHS, MEAN_FREE_PATHS = 3.0, 4.0, 60.0
 HEAP = 40.0  # mean free paths of a block of packed grains, about a hundred of their radii
 HEAP_SAMPLES, HEAP_CLEAR = 0.5, 0.05  # share of the samples that it gets where less is absorbed in a collision: paths are long
@@ -103,9 +101,7 @@ def preview(asset_path, output_path, *, quality="preview", panel=None, variant=N
     edge, words = block_edge(asset, "grains" in groups) if "medium" in groups else (0.0, "")
     shown = grains.grains_of(asset) if "grains" in groups else None
     chosen, reason = _variant(variant)
-    size, rendered = (width, width * 5 // 8), []
-    panels = [_grains(mi, asset, shown, size)] if shown else []
-    panels += [_block(mi, asset, asset_path, edge, words, size, chosen)] if edge else []
+    panels, rendered = _panels(asset, asset_path, shown, edge, words, (width, width * 5 // 8), chosen), []
     for i, shown_panel in enumerate(panels):
         clean = _Filter(shown_panel.features) if denoise else None
         clear_heap = shown_panel.shows == "medium" and shown and np.max(asset.medium.albedo) > 1 - HEAP_CLEAR
@@ -204,6 +200,14 @@ def _variant(asked):
         raise UsageError(f"variant {chosen!r}: the preview renders one wavelength at a time; expected llvm_ad_mono, "
                          "cuda_ad_mono or scalar_rgb")
     return chosen, reason
+
+
+def _panels(asset, asset_path, shown, edge, words, size, chosen) -> list[Panel]:
+    """Those of the grains `shown`, None: there are none, and of a block of the medium, edge m; 0: there is none."""
+    import mitsuba as mi
+
+    panels = [_grains(mi, asset, shown, size)] if shown else []
+    return panels + ([_block(mi, asset, asset_path, edge, words, size, chosen)] if edge else [])
 
 
 class _Filter:

@@ -18,8 +18,7 @@ from bakery.physics.surfaces.pairs import cell_of
 from bakery.system.compiled import njit
 
 MISSED, LEFT, DROPPED, CUT = range(4)
-FIRST, SECOND, HIGHER = range(3)  # orders that are kept apart
-ORDERS = 3
+FIRST, SECOND, HIGHER, ORDERS = range(4)  # orders that are kept apart, and how many these are
 FOLLOWED = 16  # of walks whose light is late, one goes on, which tells how much of it leaves
 STEEPEST = 1e-4  # least cosine at which light enters: 89.994 degrees
 _STRAIGHT = 5e-13  # 1 - cosine up to which light counts as not deflected
@@ -259,7 +258,7 @@ def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
     base, bottom = path.left_behind[3], top - rules.thickness
     above, below = top + levels[2], bottom - levels[2]
     order, hits, factor, late, returned = 0, 0, 1.0, False, False
-    first, copy_x, copy_y, copy_z = path.left_behind  # sphere of the first hit
+    first = _numbers(path.left_behind)  # sphere of the first hit
     out.walks[bin0] += 1.0
     out.sums[WALKS] += 1.0
     while True:
@@ -279,11 +278,10 @@ def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
                 out.walks[bin0] += weight - 1.0  # as much light as is followed: no more of it leaves than came in
                 factor *= kept
                 if hits == 1:
-                    first, copy_x, copy_y, copy_z = path.sphere
+                    first = _numbers(path.sphere)
                 if _is_deflected(path):
                     order += 1
-                    returned = rules.returns and order == HIGHER + 1 and (
-                        first, copy_x, copy_y, copy_z) == (path.sphere[0], path.sphere[1], path.sphere[2], path.sphere[3])
+                    returned = rules.returns and order == HIGHER + 1 and first == _numbers(path.sphere)
             begin_beyond(path, tile.centers, radius)
         elif not rises and (path.d[2] == 0.0 or below == -np.inf):
             out.sums[GIVEN_UP] += 1.0
@@ -296,24 +294,33 @@ def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
             _reflect(path, limit, rules.base, draws)
             state, hits, order, returned = LEFT, hits + 1, order + 1, False
         if hits >= rules.most:
-            if not late:  # hardly any grain deflects light
-                out.sums[GIVEN_UP] += 1.0
-                return
-            depth = max(above - (path.left_behind[3] - base) * cell[2] - path.o[2], 0.0)
-            _count_inside(path, factor, depth, above - below, rules, out)
+            _count_inside(path, late, factor, above - (path.left_behind[3] - base) * cell[2], above - below, rules, out)
             return
         if state == LEFT:
             factor = _goes_on(path, factor, draws) if hits > 1 else factor
-            # beyond the last order that is asked for nothing is counted; down in a half space light meets one more, which may be
-            # the sphere of the first hit
-            ahead = path.d[2] <= 0.0 and rules.sides == 1 and not rules.returns
-            if factor == 0.0 or rules.last and order + ahead > rules.last and not returned:
+            if factor == 0.0 or _is_past(path, order, returned, rules):
                 return
             if hits > rules.late and order > HIGHER and not late:
                 late = True
                 _count_deep(path, factor, levels[3], bin0, out)
                 if not levels[3]:
                     return
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _numbers(sphere):
+    """Of a sphere and its copy, that can be compared."""
+    return sphere[0], sphere[1], sphere[2], sphere[3]
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _is_past(path, order, returned, rules):
+    """Whether nothing that a walk does is counted any more: it is beyond the last order that is asked for.
+
+    Down in a half space light meets one more sphere, which may be that of the first hit.
+    """
+    ahead = path.d[2] <= 0.0 and rules.sides == 1 and not rules.returns
+    return rules.last > 0 and order + ahead > rules.last and not returned
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
@@ -405,8 +412,13 @@ def _count_deep(path, factor, goes_on, bin0, out):
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _count_inside(path, factor, depth, deepest, rules, out):
-    """Light at the end of its walk, at a depth below the upper face; the lower one is at the deepest."""
+def _count_inside(path, late, factor, above, deepest, rules, out):
+    """Light that is late at the end of its walk; above : height of the upper face in the walk's frame, the lower one is as much
+    deeper as deepest says."""
+    if not late:  # hardly any grain deflects light
+        out.sums[GIVEN_UP] += 1.0
+        return
+    depth = max(above - path.o[2], 0.0)
     if rules.sides == 2:
         depth = min(depth, max(deepest - depth, 0.0))
     for c in range(len(path.carried)):

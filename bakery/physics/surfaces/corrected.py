@@ -300,10 +300,11 @@ class Fit:
         whole = wanted[beside].sum() / max(modelled[beside].sum(), 1e-300)
         peak = (worth * wanted + _FEW) / (worth * modelled * whole + _FEW)
         peak[_NARROW:] = 1.0
-        other = copy(self)
-        other.peak, other.sets = peak, [((*lower, higher * pairs.by_slice(peak, of_cells[TABLES[0]], TABLES[0])), of_cells, bins)
-                                        for (*lower, higher), of_cells, bins in self.sets]
-        return other
+        peaked = copy(self)
+        peaked.peak = peak
+        peaked.sets = [((*lower, higher * pairs.by_slice(peak, of_cells[TABLES[0]], TABLES[0])), of_cells, bins)
+                       for (*lower, higher), of_cells, bins in self.sets]
+        return peaked
 
     def fitted(self, order: int, cells, albedo, walks):
         """Table and scale of an order, and of its light in the cells of `SHOWN` the relative variance (K,) and misfit (K,).
