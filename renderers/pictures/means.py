@@ -48,9 +48,9 @@ class Mean:
             self.layers[name] = (mean + (image - mean) / self.count).astype(float if name == "" else np.float32)
             if name == "":
                 before, after = _with_luminance(image - mean), _with_luminance(image - self.layers[""])
-                self.square = self.square + before * after
-                self.spread = self.spread + before.mean((0, 1)) * after.mean((0, 1))
-                self.regions = self.regions + tiled(before[..., 3]) * tiled(after[..., 3])
+                self.square = self.square + _product(before, after)
+                self.spread = self.spread + _product(before.mean((0, 1)), after.mean((0, 1)))
+                self.regions = self.regions + _product(tiled(before[..., 3]), tiled(after[..., 3]))
 
     def so_far(self) -> "Mean":
         """The same as a mean of its own: `add` puts new arrays in the place of those that both have."""
@@ -71,6 +71,11 @@ class Mean:
     def gain(self):
         """Variance of the picture that another pass takes away, a second."""
         return np.mean(self.variance[..., 3]) / (self.count + 1) / max(self.seconds, 1e-9)
+
+
+def _product(before, after):
+    """Of differences from the mean before a pass and after it, which have one sign: where they cancel, rounding has another."""
+    return np.maximum(before * after, 0.0)
 
 
 def tiled(image):

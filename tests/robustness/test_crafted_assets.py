@@ -291,6 +291,16 @@ def test_several_layers_have_thicknesses(sound):
     assert declared(root) == ["surface: thickness missing, of which there are several"]
 
 
+def test_rough_boundaries_have_a_base(sound):
+    """Solutions of layers over air are of smooth boundaries only."""
+    surface, words = sound["haze"]["surface"], ["surface: base missing under a rough boundary"]
+    rough = with_data(with_data(sound["haze"], "surface/roughness", np.full(1, 0.3)), "surface/index", np.full(1, 1.3))
+    assert declared(rough) == words
+    base = Dataset(np.full(2, 0.5), "1", "albedo of the base")
+    assert declared(with_member(rough, "surface/base", base)) == []
+    assert declared(with_data(rough, "surface/index", surface["index"].data)) == []
+
+
 # ---- the fuzzer
 
 

@@ -241,6 +241,16 @@ def test_noise_of_all_channels_together_counts_in_full():
     assert np.allclose(mean.variance, 1 / 3, rtol=1e-12)
 
 
+def test_scatter_that_cancels_is_none():
+    """Rounding alone made it less than none, of which a root was taken."""
+    for seed in range(20):
+        mean, random = means.Mean(), np.random.default_rng(seed)
+        for _ in range(5):
+            half = random.standard_normal((4, 4, 3))
+            mean.add({"": np.concatenate([half, -half[::-1]])})
+        assert mean.spread.min() >= 0 and np.min(mean.regions) >= 0 and 0 <= mean.spread.max() < 1e-25
+
+
 def test_passes_in_single_precision_add_up_in_double():
     """A million and a little noise: in single precision the scatter of the mean would drown in rounding, 0.06."""
     mean, passes = means.Mean(), [1e6 + noisy(1, 0.25)(index)[""] for index in range(64)]

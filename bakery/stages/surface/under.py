@@ -82,8 +82,18 @@ def rebuilt(group: Group, k: int):
     return bottom
 
 
+def _is_free(group: Group) -> bool:
+    """Whether air is below the layer, or below those under it."""
+    last = group["under_depth"].data[:, -1] == INFINITE_DEPTH if "under_depth" in group.members else False
+    return "depth" in group.members and not ({"base", "under_reflected"} & group.members.keys() or np.all(last))
+
+
 def sound(group: Group) -> Iterable[str]:
-    """Whether an infinite layer is the last, and what boundaries mirror is there."""
+    """Whether an infinite layer is the last, a base is under rough boundaries, and what boundaries mirror is there."""
+    indices = [1.0, *group["index"].data, *(group["under_index"].data if "under_index" in group.members else ())]
+    rough = [*group["roughness"].data, *(group["under_roughness"].data if "under_roughness" in group.members else ())]
+    if any(np.diff(indices[:len(rough) + 1])[np.array(rough) > 0]) and _is_free(group):
+        yield "base missing under a rough boundary"
     if "mirrored" not in group.members and {"under_index", "under_reflected"} & group.members.keys():
         yield "mirrored missing"
     if "under_index" in group.members:
