@@ -24,7 +24,7 @@ from bakery.physics.granular._packed import Grains, Tile
 from bakery.physics.granular.exemplars import exemplars
 from bakery.physics.granular.packed import checked_tile
 from bakery.physics.packing.cells import counts, tile_grid
-from bakery.physics.surfaces.corrected import forgotten
+from bakery.physics.surfaces.fit import forgotten
 
 CELLS = (48, 8, 8)  # along the coordinates of `surfaces.pairs`
 BINS = 16  # of the root of the cosine of incidence
@@ -198,7 +198,7 @@ def together(goniometer: Goniometer, short, through) -> tuple[Counts, ...]:
     """What walks to the second order and walks to their end count, at each side.
 
     Late light has forgotten where it came from.  How much of it leaves at a side is a number, which few walks tell, and by
-    reciprocity it leaves to directions as light from them becomes late (`corrected.forgotten`).
+    reciprocity it leaves to directions as light from them becomes late (`fit.forgotten`).
     """
     a, b = goniometer.unpacked(short), goniometer.unpacked(through)
     mean = np.maximum(b.followed.mean(axis=0), 1e-300)

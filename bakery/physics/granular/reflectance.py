@@ -15,7 +15,8 @@ from bakery.physics.grains.surface import DIELECTRIC
 from bakery.physics.granular._goniometer import HITS, WALKS
 from bakery.physics.granular.goniometer import BINS, CELLS, LEAST, REPLICATES, Goniometer, together
 from bakery.physics.medium.phase import phase_at
-from bakery.physics.surfaces.corrected import SHOWN, Factors, Fit, factors_of, kept_shares, lower_albedos, merged
+from bakery.physics.surfaces.corrected import Factors
+from bakery.physics.surfaces.fit import SHOWN, Fit, factors_of, kept_shares, lower_albedos, merged
 from bakery.physics.surfaces.solution import Solution
 from bakery.physics.tasks import in_turn
 

@@ -24,7 +24,8 @@ from bakery.physics.granular.reflectance import LEAST, measured, straight_back
 from bakery.physics.medium import phase
 from bakery.physics.packing import pack
 from bakery.physics.surfaces import pairs
-from bakery.physics.surfaces.corrected import SHOWN, Corrected, Fit, _entering, forgotten, merged, middles
+from bakery.physics.surfaces.corrected import Corrected, middles
+from bakery.physics.surfaces.fit import SHOWN, Fit, _entering, forgotten, merged
 from bakery.physics.surfaces.refine import refined
 from bakery.physics.surfaces.slab import Slab
 from bakery.system.compiled import njit
