@@ -18,11 +18,10 @@ from bakery.kernels import (
     open_wavelengths,
     phase_sample,
     phase_value,
-    relative_density,
     turned_direction,
 )
 from bakery.system.compiled import njit
-from renderers.transport.scattering import collides, lessened
+from renderers.transport.scattering import collision, dimmed, ray_of
 from renderers.transport.wavefront import to_rgb, uniform
 
 
@@ -68,13 +67,6 @@ class Guide(NamedTuple):
     direction: np.ndarray
     used: np.ndarray
     followed: float = 1.0
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def ray_of(origin, direction, i):
-    """Ray i, origin and direction, as six numbers."""
-    return (origin[i, 0], origin[i, 1], origin[i, 2],
-            np.float64(direction[i, 0]), np.float64(direction[i, 1]), np.float64(direction[i, 2]))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -138,26 +130,18 @@ def through_box(region, ray, begin, end):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _continuum(medium, paths, begin, end, distance, point, i, scratch):
-    """Null-collision tracking with the largest extinction of all wavelengths."""
-    region, sigma, weight, states = medium.discs.region, medium.sigma_t, paths.throughput, paths.states
+    region, ray = medium.discs.region, ray_of(paths.origin, paths.direction, i)
     share = medium.others if paths.left_out[i, 0] == paths.left_out[i, 0] else 1.0
-    most = sigma.max()
-    ray = ray_of(paths.origin, paths.direction, i)
-    ox, oy, oz, dx, dy, dz = ray
-    t, end = through_box(region, ray, begin, end)
-    if not (t < end and most > 0):
+    begin, end = through_box(region, ray, begin, end)
+    if not begin < end:
         return NO_DISC
-    while True:
-        t -= math.log1p(-uniform(states, i)) / most
-        if t >= end:
-            return NO_DISC
-        x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
-        rho = share * relative_density(region, x, y, z, scratch)
-        if rho <= 0:
-            continue
-        if collides(sigma, rho, most, weight, states, i):
-            distance[i], point[i, 0], point[i, 1], point[i, 2] = t, x, y, z
-            return len(medium.albedo) - 1
+    t = collision(region, medium.sigma_t, share, ray, (begin, end), paths.throughput, paths.states, i, scratch)
+    if not t < end:
+        return NO_DISC
+    distance[i] = t
+    for k in range(3):
+        point[i, k] = ray[k] + t * ray[3 + k]
+    return len(medium.albedo) - 1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -192,22 +176,14 @@ def transmit(medium, ways, share, begin, end):
 def _through_continuum(medium, others, ray, span, states, i, passed, scratch):
     """Multiplies passed (L,) by what a share of the continuous medium leaves of light on a span of a ray, or its estimate."""
     sigma, region = medium.sigma_t, medium.discs.region
-    ox, oy, oz, dx, dy, dz = ray
-    t, end = through_box(region, ray, span[0], span[1])
-    if not t < end:
+    begin, end = through_box(region, ray, span[0], span[1])
+    if not begin < end:
         return
     if region.kind == 0:
         for w in range(len(passed)):
-            passed[w] *= math.exp(-others * sigma[w] * (end - t))
+            passed[w] *= math.exp(-others * sigma[w] * (end - begin))
         return
-    most = sigma.max()
-    while most > 0:
-        t -= math.log1p(-uniform(states, i)) / most
-        if t >= end:
-            return
-        rho = others * relative_density(region, ox + t * dx, oy + t * dy, oz + t * dz, scratch)
-        if not lessened(passed, sigma, rho, most, states, i):
-            return
+    dimmed(region, sigma, others, ray, (begin, end), passed, states, i, scratch)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
