@@ -203,24 +203,33 @@ def mean_phase(medium, first, weight, i, v, values):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def angle(medium, first, weight, states, i):
+    """1 - cos of an angle by which path i is scattered, drawn from the phase functions mixed by what they scatter; -1 where that
+    is nothing.  first : as in `mean_phase`"""
+    waves, total = weight.shape[1], 0.0
+    for w in range(waves):
+        total += weight[i, w] * medium.albedo[first + w]
+    if not total > 0.0:
+        return -1.0
+    chosen, row = uniform(states, i) * total, first + waves - 1
+    for w in range(waves):
+        chosen -= weight[i, w] * medium.albedo[first + w]
+        if chosen < 0.0:
+            row = first + w
+            break
+    return phase_sample(medium.v, medium.steps, medium.phase[row], medium.cdf[row], uniform(states, i))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def scattered(medium, first, x, y, z, weight, states, i, values):
     """A direction after a scattering of path i along the unit vector x, y, z, and its density (1/sr); changes the weights.
 
     first : as in `mean_phase`
     """
-    total = 0.0
-    for w in range(len(values)):
-        total += weight[i, w] * medium.albedo[first + w]
-    if not total > 0.0:
+    v = angle(medium, first, weight, states, i)
+    if v < 0.0:
         weight[i] = 0.0
         return x, y, z, 0.0
-    chosen, component = uniform(states, i) * total, len(values) - 1
-    for w in range(len(values)):
-        chosen -= weight[i, w] * medium.albedo[first + w]
-        if chosen < 0.0:
-            component = w
-            break
-    v = phase_sample(medium.v, medium.steps, medium.phase[first + component], medium.cdf[first + component], uniform(states, i))
     x, y, z = turned_direction(x, y, z, v, 2 * math.pi * uniform(states, i))
     density = mean_phase(medium, first, weight, i, v, values)
     for w in range(len(values)):

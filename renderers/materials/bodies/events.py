@@ -104,9 +104,4 @@ def _parted(at, before, arrived, turned):
     """`Lit` and `Points` of events, rows of `Record`."""
     begin, ends = ~np.isnan(at[:, 10]), np.isfinite(at[:, 9])
     lit = beams.begun(at[begin, :3], at[begin, 6:9], at[begin, 10], turned[begin], before[begin] + 1)
-    return lit, _points(at[ends, :6], at[ends, 9], arrived[ends], before[ends])
-
-
-def _points(*arrays):
-    """`Points` of arrays of any layout."""
-    return Points(*map(np.ascontiguousarray, arrays))
+    return lit, Points(*map(np.ascontiguousarray, (at[ends, :6], at[ends, 9], arrived[ends], before[ends])))

@@ -16,12 +16,10 @@ from bakery.kernels import (
     lent,
     mesh_scratch,
     open_wavelengths,
-    phase_sample,
-    phase_value,
     turned_direction,
 )
 from bakery.system.compiled import njit
-from renderers.transport.scattering import collision, dimmed, ray_of
+from renderers.transport.scattering import angle, collision, dimmed, mean_phase, ray_of
 from renderers.transport.wavefront import to_rgb, uniform
 
 
@@ -187,18 +185,6 @@ def _through_continuum(medium, others, ray, span, states, i, passed, scratch):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def mixture(scatterer, kind, weight, i, v, values):
-    """Mean (1/sr) of the phase functions, by what they scatter, at an angle of 1 - cos = v; values (L,) become each of them."""
-    total, mean = 0.0, 0.0
-    for w in range(len(values)):
-        values[w] = phase_value(scatterer.v, scatterer.steps, scatterer.phase[kind, w], v)
-        likely = weight[i, w] * scatterer.albedo[kind, w]
-        total += likely
-        mean += likely * values[w]
-    return mean / total if total > 0 else 0.0
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def scatter(scatterer, kind, paths, guide, begin, end):
     """New directions of paths, a `Walk`, that particles of classes kind (n,) scatter, and their densities.
 
@@ -209,22 +195,12 @@ def scatter(scatterer, kind, paths, guide, begin, end):
     weight, states, direction, density = paths.throughput, paths.states, paths.direction, paths.density
     values = np.empty(weight.shape[1])
     for i in range(begin, end):
-        total = 0.0
-        for w in range(weight.shape[1]):
-            total += weight[i, w] * scatterer.albedo[kind[i], w]
-        if not total > 0:
+        first = kind[i] * weight.shape[1]
+        v = angle(scatterer, first, weight, states, i)
+        if v < 0.0:
             density[i] = 0.0
             weight[i] = 0.0
             continue
-        chosen, below = uniform(states, i) * total, 0.0
-        wavelength = weight.shape[1] - 1
-        for w in range(weight.shape[1]):
-            below += weight[i, w] * scatterer.albedo[kind[i], w]
-            if chosen < below:
-                wavelength = w
-                break
-        v = phase_sample(scatterer.v, scatterer.steps, scatterer.phase[kind[i], wavelength], scatterer.cdf[kind[i], wavelength],
-                         uniform(states, i))
         turn = 2 * math.pi * uniform(states, i)
         ox, oy, oz = direction[i, 0], direction[i, 1], direction[i, 2]
         if guide.used[i] and uniform(states, i) < 0.5:
@@ -232,9 +208,9 @@ def scatter(scatterer, kind, paths, guide, begin, end):
             v = _turn(x, y, z, ox, oy, oz)
         else:
             x, y, z = turned_direction(ox, oy, oz, v, turn)
-        density[i] = drawn(scatterer, kind[i], weight, guide, i, (x, y, z), v, values)
+        density[i] = drawn(scatterer, first, weight, guide, i, (x, y, z), v, values)
         for w in range(weight.shape[1]):
-            weight[i, w] *= scatterer.albedo[kind[i], w] * values[w] / density[i] if density[i] > 0 else 0.0
+            weight[i, w] *= scatterer.albedo[first + w] * values[w] / density[i] if density[i] > 0 else 0.0
         direction[i, 0], direction[i, 1], direction[i, 2] = x, y, z
 
 
@@ -245,14 +221,14 @@ def _turn(x, y, z, ux, uy, uz):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def drawn(scatterer, kind, weight, guide, i, towards, v, values):
-    """Density (1/sr) with which `scatter` takes direction `towards`, 1 - cos = v off the path's; see `mixture`."""
+def drawn(scatterer, first, weight, guide, i, towards, v, values):
+    """Density (1/sr) with which `scatter` takes direction `towards`, 1 - cos = v off the path's; see `mean_phase`."""
     about = 0.0
     if guide.used[i]:
         x, y, z = towards
         off = _turn(x, y, z, guide.direction[i, 0], guide.direction[i, 1], guide.direction[i, 2])
-        about = mixture(scatterer, kind, weight, i, off, values)
-    ahead = mixture(scatterer, kind, weight, i, v, values)
+        about = mean_phase(scatterer, first, weight, i, off, values)
+    ahead = mean_phase(scatterer, first, weight, i, v, values)
     return 0.5 * (ahead + about) if guide.used[i] else ahead
 
 
@@ -274,10 +250,10 @@ def light(scatterer, kind, paths, guide, share, sample, added, begin, end):
             continue
         lx, ly, lz = np.float64(sample.direction[i, 0]), np.float64(sample.direction[i, 1]), np.float64(sample.direction[i, 2])
         v = _turn(lx, ly, lz, paths.direction[i, 0], paths.direction[i, 1], paths.direction[i, 2])
-        chance = guide.followed * drawn(scatterer, kind[i], paths.throughput, guide, i, (lx, ly, lz), v, values)
+        chance = guide.followed * drawn(scatterer, kind[i] * waves, paths.throughput, guide, i, (lx, ly, lz), v, values)
         balance = 1.0 if sample.delta[i] else sample.density[i] / (sample.density[i] + chance)
         for w in range(waves):
-            values[w] *= scatterer.albedo[kind[i], w] * balance
+            values[w] *= scatterer.albedo[kind[i] * waves + w] * balance
             values[w] *= paths.throughput[i, w]
             values[w] *= share[i, w]
         to_rgb(scatterer, values, radiance[i], added[i])
