@@ -49,8 +49,7 @@ class Sums:
 
 def met(world, paths, hidden=True, choices=None):
     """What paths meet at surfaces, a `renderers.mitsuba.world.Shading`; choices : as of `Sums.light_choices`."""
-    numbers = np.empty((paths.count, 6))
-    wavefront.draw(paths.states, numbers)
+    numbers = wavefront.uniforms(paths.states, 6)
     if choices is not None:
         numbers[:, 0] = np.where(paths.bounces == 0, choices, numbers[:, 0])
     drawn = () if paths.drawn is None else (paths.drawn,)  # else where they begin
