@@ -72,18 +72,6 @@ def moments(values, start, step, distance, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def lookups(values, points, out):
-    """The interpolant at `points` (N, 3) into `out` (N,)."""
-    nx, ny, nz = values.shape
-    for i in range(len(points)):
-        px, py, pz = points[i]
-        out[i] = 0.0
-        if -0.5 <= px <= nx - 0.5 and -0.5 <= py <= ny - 0.5 and -0.5 <= pz <= nz - 0.5:
-            x, y, z = _low(px, nx), _low(py, ny), _low(pz, nz)
-            out[i] = _between(_corners(values, x, y, z), px - x, py - y, pz - z)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def _clipped(p, v, count, t, end):
     """The part of a ray between two faces of the grid; empty where t >= end."""
     if v != 0.0:

@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 from scipy.special import hyp1f1
 
 from renderers.fog import _march
@@ -137,11 +138,11 @@ class Grid(Density):
         return lo, np.array(self.values.shape) / (hi - lo)
 
     def at(self, points):
-        points = np.asarray(points, float)
         lo, per_metre = self._cells()
-        values = np.empty(points[..., 0].size)
-        _march.lookups(self.values, np.ascontiguousarray((points.reshape(-1, 3) - lo) * per_metre - 0.5), values)
-        return self.scale * values.reshape(points.shape[:-1])
+        cells = (np.asarray(points, float) - lo) * per_metre - 0.5
+        inside = ((cells >= -0.5) & (cells <= np.array(self.values.shape) - 0.5)).all(axis=-1)
+        values = map_coordinates(self.values, cells.reshape(-1, 3).T, output=float, order=1, mode="nearest")
+        return self.scale * np.where(inside, values.reshape(inside.shape), 0.0)
 
     def integrals(self, origin, direction, distance):
         direction = np.ascontiguousarray(direction, float)

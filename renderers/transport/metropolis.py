@@ -130,23 +130,20 @@ class Metropolis:
 
     def _candidates(self, key):
         """Light, pixels and words of a pass's candidates, and random streams (chains + 1,) of what follows."""
-        states = np.empty(self.group.chains + 1 + self.group.candidates, np.uint64)
-        wavefront.begin_streams(key, 0, states)
+        states = wavefront.streams(key, self.group.chains + 1 + self.group.candidates)
         pixel, words = self._places(states[self.group.chains + 1:], 0.0)
         return *self._light(primary.Source(self.size, pixel, words)), words, states[:self.group.chains + 1]
 
     def _places(self, states, shift):
         """Pixels (n,), spread evenly over the picture but for a shift, 0 to 1 of it, and words (2, n) of streams."""
         n, pixels = len(states), self.size[0] * self.size[1]
-        numbers = np.empty((n, 3))
-        wavefront.draw(states, numbers)
+        numbers = wavefront.uniforms(states, 3)
         share = ((np.arange(n) + numbers[:, 0]) / n + shift) % 1.0
         return np.minimum((share * pixels).astype(np.uint32), pixels - 1), (numbers[:, 1:].T * 2.0**32).astype(np.uint32)
 
     def _from_candidates(self, candidates, streams):
         """Chains at candidates that are drawn by their luminance, evenly."""
-        n, number = self.group.chains, np.empty((1, 1))
-        wavefront.draw(streams[:1], number)
+        n, number = self.group.chains, wavefront.uniforms(streams[:1], 1)
         added = np.cumsum(candidates.luminance)
         chosen = np.searchsorted(added, (np.arange(n) + number[0, 0]) / n * added[-1], side="right")
         chosen = np.minimum(chosen, np.flatnonzero(candidates.luminance)[-1])
@@ -162,8 +159,7 @@ class Metropolis:
             large = step % _LARGE == 0
             proposed = self._proposed(chains, streams, large, new=step % _LARGE == 2)
             accepted = np.minimum(proposed.luminance / chains.luminance, 1.0)
-            numbers = np.empty((self.group.chains, 1))
-            wavefront.draw(streams[1:], numbers)
+            numbers = wavefront.uniforms(streams[1:], 1)
             for states, share in ((chains, 1 - accepted), (proposed, accepted)):
                 _metropolis.bring(states.light, states.pixel, share * of_state * self._of_moved(states.luminance), by_order)
             if large:
@@ -174,8 +170,7 @@ class Metropolis:
 
     def _proposed(self, chains, streams, large, new):
         """Where chains may go; new: with a new random stream behind the table."""
-        numbers = np.empty((1, 3))
-        wavefront.draw(streams[:1], numbers)
+        numbers = wavefront.uniforms(streams[:1], 3)
         pixel, words = self._places(streams[1:], numbers[0, 0])
         if large:
             light, pixel = self._light(primary.Source(self.size, pixel, words))

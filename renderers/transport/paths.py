@@ -52,9 +52,18 @@ class Paths(NamedTuple):
     drawn : (n, 3) m, where the direction was drawn
     shaded : (n,) whether a surface of the scene, the camera, or a body whose boundary turns light drew it
     far : (n,) m, to the first surface of the scene, or what is of another body of grains; nan: not known
-    grains : (n,) material whose grain each is on, or -1;  sphere, triangle : (n, 4), (n,) of that grain (`_grains.next_surface`)
+    grains : (n,) material whose grain each is on, or -1
+    sphere, triangle : (n, 4), (n,) of that grain (`_grains.next_surface`)
     left_out : (n, 3) m, the particle that each has just left, or nan
     first : (n,) entry of the material that scattered it first, or -1
+
+    Of scenes of bodies alone, where `far` and `triangle` are of the first triangle ahead (`_geometry.Geometry`):
+
+    start : (n,) place of the triangle that each starts on, or -1
+    events : (n,) since the last surface;  scattered : (n,) whether one of them drew the direction
+    seen : (n,) whether the camera sees where they are, directly or by mirrors and panes
+    rival : (n,) sr, after an event and up to the first light beyond the boundary: how likely beams are that bring the same
+        (`_beams.rivals`); 0 where none do, inf where they are left to it
 
     Of scenes of particles alone:
 
@@ -88,6 +97,11 @@ class Paths(NamedTuple):
     triangle: np.ndarray | None = None
     left_out: np.ndarray | None = None
     first: np.ndarray | None = None
+    start: np.ndarray | None = None
+    events: np.ndarray | None = None
+    scattered: np.ndarray | None = None
+    seen: np.ndarray | None = None
+    rival: np.ndarray | None = None
     discrete: np.ndarray | None = None
     splatted: np.ndarray | None = None
     ways: np.ndarray | None = None

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bakery.kernels import lent, phase_layout, phase_sample, phase_value, turned_direction
+from bakery.kernels import lent, phase_layout, phase_sample, phase_value, relative_density, turned_direction
 from bakery.system.compiled import njit
 from renderers.transport.wavefront import to_rgb, uniform
 
@@ -127,11 +127,51 @@ def collides(sigma, rho, most, weight, states, i):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def ray_of(origin, direction, i):
+    """Ray i, origin and direction, as six numbers."""
+    return (origin[i, 0], origin[i, 1], origin[i, 2],
+            np.float64(direction[i, 0]), np.float64(direction[i, 1]), np.float64(direction[i, 2]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _density(region, ray, t, scratch):
+    ox, oy, oz, dx, dy, dz = ray
+    return relative_density(region, ox + t * dx, oy + t * dy, oz + t * dz, scratch)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def collision(region, sigma, share, ray, span, weight, states, i, scratch):
+    """Distance at which path i scatters on a span of its ray, or the end of that; changes the weights.
+
+    region, sigma, share : where there is how much of a medium, its sigma_t (L,) 1/m at 1, and the share of it that counts
+    """
+    (t, end), most = span, sigma.max()
+    while most > 0.0:
+        t -= math.log1p(-uniform(states, i)) / most
+        if t >= end:
+            break
+        rho = share * _density(region, ray, t, scratch)
+        if rho > 0.0 and collides(sigma, rho, most, weight, states, i):
+            return t
+    return end
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def dimmed(region, sigma, share, ray, span, passed, states, i, scratch):
+    """Multiplies passed (L,) by an estimate of what a medium leaves of light on a span of a ray; arguments as of `collision`."""
+    (t, end), most = span, sigma.max()
+    while most > 0.0:
+        t -= math.log1p(-uniform(states, i)) / most
+        if t >= end or not lessened(passed, sigma, share * _density(region, ray, t, scratch), most, states, i):
+            break
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def lessened(share, sigma, rho, most, states, i):
     """Whether an estimate share (L,) of what gets through goes on after such a point, at which it becomes less."""
     brightest = 0.0
     for w in range(len(sigma)):
-        share[w] *= 1.0 - rho * sigma[w] / most
+        share[w] *= max(1.0 - rho * sigma[w] / most, 0.0)
         brightest = max(brightest, share[w])
     if brightest >= _DIM:
         return True
@@ -163,24 +203,33 @@ def mean_phase(medium, first, weight, i, v, values):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def angle(medium, first, weight, states, i):
+    """1 - cos of an angle by which path i is scattered, drawn from the phase functions mixed by what they scatter; -1 where that
+    is nothing.  first : as in `mean_phase`"""
+    waves, total = weight.shape[1], 0.0
+    for w in range(waves):
+        total += weight[i, w] * medium.albedo[first + w]
+    if not total > 0.0:
+        return -1.0
+    chosen, row = uniform(states, i) * total, first + waves - 1
+    for w in range(waves):
+        chosen -= weight[i, w] * medium.albedo[first + w]
+        if chosen < 0.0:
+            row = first + w
+            break
+    return phase_sample(medium.v, medium.steps, medium.phase[row], medium.cdf[row], uniform(states, i))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def scattered(medium, first, x, y, z, weight, states, i, values):
     """A direction after a scattering of path i along the unit vector x, y, z, and its density (1/sr); changes the weights.
 
     first : as in `mean_phase`
     """
-    total = 0.0
-    for w in range(len(values)):
-        total += weight[i, w] * medium.albedo[first + w]
-    if not total > 0.0:
+    v = angle(medium, first, weight, states, i)
+    if v < 0.0:
         weight[i] = 0.0
         return x, y, z, 0.0
-    chosen, component = uniform(states, i) * total, len(values) - 1
-    for w in range(len(values)):
-        chosen -= weight[i, w] * medium.albedo[first + w]
-        if chosen < 0.0:
-            component = w
-            break
-    v = phase_sample(medium.v, medium.steps, medium.phase[first + component], medium.cdf[first + component], uniform(states, i))
     x, y, z = turned_direction(x, y, z, v, 2 * math.pi * uniform(states, i))
     density = mean_phase(medium, first, weight, i, v, values)
     for w in range(len(values)):

@@ -1,8 +1,4 @@
-"""Steps that all wavefronts share: what paths meet at surfaces of the scene, roulette, sums of light.
-
-Paths are any record with the fields that `renderers.transport.paths.Paths` and others have in common: origin, direction,
-throughput, states, pixel, order, bounces, density, single.
-"""
+"""Steps that all wavefronts share: what paths meet at surfaces of the scene, roulette, sums of light."""
 
 import math
 
@@ -53,8 +49,7 @@ class Sums:
 
 def met(world, paths, hidden=True, choices=None):
     """What paths meet at surfaces, a `renderers.mitsuba.world.Shading`; choices : as of `Sums.light_choices`."""
-    numbers = np.empty((paths.count, 6))
-    wavefront.draw(paths.states, numbers)
+    numbers = wavefront.uniforms(paths.states, 6)
     if choices is not None:
         numbers[:, 0] = np.where(paths.bounces == 0, choices, numbers[:, 0])
     drawn = () if paths.drawn is None else (paths.drawn,)  # else where they begin
@@ -78,18 +73,28 @@ def at_surfaces(world, colours, paths, sums, let_through, *, brought=None, wider
     add_light(colours, throughput, order, shading.emitted, shading.source, paths, sums)
     if len(widened):
         add_light(colours, *wider.light(world, paths, shading, widened), sums)
+    return turned(colours, paths, shading, sums, let_through)
+
+
+def turned(colours, paths, shading, sums, let_through=None):
+    """Paths that go on from surfaces as they have met them, after what light samples send there has been added.
+
+    sums : None: no light counts;  let_through : as of `at_surfaces`; None: all of it
+    """
     hit = np.flatnonzero(shading.hit)
-    paths, sample = paths.of(hit), shading.light.of(hit)
+    paths = paths.of(hit)
     paths.bounces[:] += 1
     if paths.left_out is not None:
         paths.left_out[:] = np.nan
-    bright = np.flatnonzero((sample.radiance > 0).any(axis=1))
-    if len(bright) and not sums.skips(paths):
-        group, sample = paths.of(bright), sample.of(bright)
-        passed = let_through(group, shading.point[hit[bright]], sample)
+    bright = np.flatnonzero((shading.light.radiance[hit] > 0).any(axis=1))
+    if sums is not None and len(bright) and not sums.skips(paths):
+        group, sample = paths.of(bright), shading.light.of(hit[bright])
+        passed = let_through(group, shading.point[hit[bright]], sample) if let_through else 1.0
         paths.states[bright] = group.states
         add_light(colours, group.throughput * passed, group.order, sample.radiance, sample.light, group, sums)
-    reflected(colours, paths, shading, hit)
+    run(wavefront.reflect, paths.count, _alone(colours), paths.throughput, shading.weight[hit])
+    paths.origin[:], paths.direction[:] = shading.origin[hit], shading.direction[hit]
+    paths.density[:], paths.single[:] = shading.density[hit], shading.delta[hit]
     return paths
 
 
@@ -98,13 +103,6 @@ def add_light(colours, throughput, order, radiance, light, paths, sums):
     added = np.empty((paths.count, 3))
     wavefront.emitted(_alone(colours), throughput, order, radiance, added)
     sums.add(paths, light, added)
-
-
-def reflected(colours, paths, shading, hit):
-    """Turns paths, those of hit (n,), at the surfaces that they have met."""
-    run(wavefront.reflect, paths.count, _alone(colours), paths.throughput, shading.weight[hit])
-    paths.origin[:], paths.direction[:] = shading.origin[hit], shading.direction[hit]
-    paths.density[:], paths.single[:] = shading.density[hit], shading.delta[hit]
 
 
 def _alone(colours) -> Colours:

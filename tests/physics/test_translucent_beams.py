@@ -9,7 +9,8 @@ import pytest
 from bakery.kernels import stream_key
 from renderers.materials.bodies import _beams, _points, beams, bias, methods
 from renderers.materials.bodies._cells import cells_of
-from renderers.materials.bodies.paths import Paths
+from renderers.materials.bodies._walk import Walk
+from renderers.materials.bodies.paths import starting
 from renderers.materials.bodies.surfaces import _share
 from renderers.pictures.means import Mean
 from renderers.transport import wavefront
@@ -47,7 +48,7 @@ def test_cells_lose_and_double_nothing():
     lit = beams.of(origin, direction, normal, 2 * length, power[:, None], np.full(3000, np.inf), 0)
     medium = scatterer([1.0], [0.9], np.linspace(0, np.pi, 5), np.full((1, 5), 1 / (4 * np.pi)))
     start, view, far, _ = (one[:200] for one in _scattered(3000))
-    lines = Paths.begun(start, -view, np.ones((200, 1)), np.zeros(200, np.uint64), np.arange(200))
+    lines = starting(start, -view, 1, np.zeros(200, np.uint64), np.arange(200)).part(Walk)
     lines.far[:] = 0.8 * far
     low, radius, found = np.full(3, -1.1), 0.05, []
     for edge, count in ((0.1, 22), (2.2, 1)):
@@ -69,7 +70,7 @@ def test_points_and_beams_share():
     lit = beams.begun(origin, direction, np.full(60000, 3.0), power, before)
     points = _points.Points(np.concatenate([origin + flown[:, None] * direction, direction], axis=1), flown, power, before)
     along = _scattered(400)[1]
-    lines = Paths.begun(-0.4 * along, along, np.ones((400, 1)), np.zeros(400, np.uint64), np.arange(400))
+    lines = starting(-0.4 * along, along, 1, np.zeros(400, np.uint64), np.arange(400)).part(Walk)
     lines.far[:] = 0.8
 
     def brought(against, with_beams, with_points):

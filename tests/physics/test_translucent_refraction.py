@@ -10,7 +10,7 @@ import pytest
 from bakery import kernels
 from renderers.materials.bodies import _refraction, refraction, setup, shells, surfaces, transport
 from renderers.materials.bodies.bodies import Body, laid_out
-from renderers.materials.bodies.paths import Paths
+from renderers.materials.bodies.paths import starting
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
 from renderers.transport import wavefront
@@ -47,7 +47,7 @@ def from_inside(how, count):
     low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
     points, states = low + (high - low) * np.random.default_rng(1).random((count, 3)), np.empty(count, np.uint64)
     wavefront.begin_streams(kernels.stream_key(0, "render.translucent", 0), 0, states)
-    paths = Paths.begun(points, np.tile([0.0, 0, 1], (count, 1)), np.ones((count, 1)), states, np.arange(count))
+    paths = starting(points, np.tile([0.0, 0, 1], (count, 1)), 1, states, np.arange(count))
     paths = paths.of(surfaces.located(how.geometry, paths) == 0)
     place, _, within, share = refraction.joined(how, 0, bent, paths)
     sample = how.world.from_light(bent.number, place)
@@ -74,7 +74,7 @@ def from_outside(how, count):
     beyond = np.sqrt(1 - (1 - cosine**2) / INDEX**2)
     way = -away / INDEX + (cosine / INDEX - beyond)[:, None] * normal
     reflected = np.array([kernels.fresnel(max(one, 0.0), INDEX)[0] for one in cosine])
-    paths = Paths.begun(points + how.off * way, way, np.ones((count, 1)), np.zeros(count, np.uint64), np.arange(count))
+    paths = starting(points + how.off * way, way, 1, np.zeros(count, np.uint64), np.arange(count))
     far = np.where(surfaces.located(how.geometry, paths) == 0, paths.far, 0.0)
     values = np.where(seen, (1 - reflected) * cosine * sample.radiance[:, 0] * -np.expm1(-SIGMA * far) / SIGMA, 0) * area.sum()
     return values.mean(), values.std() / np.sqrt(count)

@@ -134,7 +134,7 @@ def join(medium, beams, cells, spread, lines, facing, brought, begin, end):
     Parameters
     ----------
     medium : `Scatterer`;  beams : `Lit`;  cells : `Cells`, of the radius of the `Spread`
-    lines : `Paths`;  facing : (n, 3) unit, outward normals of the boundary where lines begin
+    lines : `_walk.Walk`;  facing : (n, 3) unit, outward normals of the boundary where lines begin
     brought : (4, n, L) adds the radiance by beams of 0, 1 and more events before, and what half the radius would change; W/m^2 sr
     """
     medium, beams, cells, lines = lent(medium), lent(beams), lent(cells), lent(lines)

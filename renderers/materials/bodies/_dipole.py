@@ -84,7 +84,7 @@ def gather(dipole, beams, normal, picks, lines, facing, brought, begin, end):
 
     beams : `Beams`, of light that comes in;  normal : (N, 3) outward, there
     picks : drawn for each line of sight
-    lines : `Paths`, `TOGETHER` of them a group, near each other;  facing : (n, 3) outward, where they come in
+    lines : `_walk.Walk`, `TOGETHER` of them a group, near each other;  facing : (n, 3) outward, where they come in
     brought : (n, L) becomes W/m^2 sr
     """
     dipole, beams, lines = lent(dipole), lent(beams), lent(lines)

@@ -40,7 +40,7 @@ def walk(geometry, medium, boundary, limits, near, paths, record, begin, end):
 
     medium : `Scatterer`;  boundary : `_light.Boundary`;  limits : `_walk.Limits`, of walks that wait at each event
     near : mean free paths from all surfaces, beyond which some events stand for all
-    paths : `Paths`, `pixel` 1 where beams begin at their events;  record : `Record`, whose arrays are filled
+    paths : `_walk.Walk`, `pixel` 1 where beams begin at their events;  record : `Record`, whose arrays are filled
     """
     geometry, medium, limits, paths, record = lent(geometry), lent(medium), lent(limits), lent(paths), lent(record)
     scratch, values = mesh_scratch(), np.empty(paths.throughput.shape[1])
@@ -57,8 +57,6 @@ def walk(geometry, medium, boundary, limits, near, paths, record, begin, end):
                     record.status[i] = SURFACE
                     break
                 back = at_boundary(geometry, boundary.index, paths, i)
-                paths.start[i], paths.events[i] = paths.triangle[i], 0
-                paths.bounces[i] += 1
                 paths.triangle[i], paths.far[i] = -1, np.nan
                 if not back:
                     record.status[i] = OUTSIDE

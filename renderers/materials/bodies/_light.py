@@ -65,10 +65,7 @@ def walk(geometry, medium, boundary, limits, paths, ends, begin, end):
             if boundary.index == 0.0 or geometry.owner[paths.triangle[i]] != boundary.number:
                 ends.status[i] = SURFACE
                 break
-            back = at_boundary(geometry, boundary.index, paths, i)
-            paths.start[i], paths.events[i] = paths.triangle[i], 0
-            paths.bounces[i] += 1
-            if not back:
+            if not at_boundary(geometry, boundary.index, paths, i):
                 ends.status[i] = OUTSIDE
                 break
             if not goes_on(paths.throughput, paths.states, paths.bounces, i):
@@ -92,7 +89,7 @@ def _store(paths, i, row, weights):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def at_boundary(geometry, index, paths, i):
-    """Puts walk i at the boundary that it meets, with a new direction; whether it is turned back."""
+    """Puts walk i at the boundary that it meets, with a new direction, and counts that; whether it is turned back."""
     nx, ny, nz = triangle_normal(geometry.blocks, paths.triangle[i])
     dx, dy, dz = paths.direction[i, 0], paths.direction[i, 1], paths.direction[i, 2]
     cosine = max(min(nx * dx + ny * dy + nz * dz, 1.0), 0.0)
@@ -104,4 +101,6 @@ def at_boundary(geometry, index, paths, i):
     for k in range(3):
         paths.origin[i, k] += paths.far[i] * paths.direction[i, k]
     paths.direction[i, 0], paths.direction[i, 1], paths.direction[i, 2] = x * norm, y * norm, z * norm
+    paths.start[i], paths.events[i] = paths.triangle[i], 0
+    paths.bounces[i] += 1
     return back

@@ -53,7 +53,7 @@ def join(medium, points, cells, disc, lines, facing, brought, begin, end):
     Parameters
     ----------
     medium : `Scatterer`;  points : `Points`;  cells : `Cells`, of the radius of the `Disc`
-    lines : `Paths`;  facing : (n, 3) unit, outward normals of the boundary where lines begin
+    lines : `_walk.Walk`;  facing : (n, 3) unit, outward normals of the boundary where lines begin
     brought : (4, n, L) radiance by points of 0, 1 and more events before, and what half the radius would change; W/m^2 sr
     """
     medium, points, cells, lines = lent(medium), lent(points), lent(cells), lent(lines)

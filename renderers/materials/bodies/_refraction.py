@@ -273,7 +273,7 @@ def _brought(front, f, u, v, area):
 def join(geometry, medium, front, cells, paths, joined, begin, end):
     """Draws one way each to the light from events begin to end, as `refraction.joined` says.
 
-    medium : `Scatterer`;  front : `Front`;  cells : `Cells`, of its triangles;  paths : that scatter there;  joined : `Joined`
+    medium : `Scatterer`;  front : `Front`;  cells : `Cells`, of its triangles;  paths : `Flying`, of events;  joined : `Joined`
     """
     geometry, medium, front, cells = lent(geometry), lent(medium), lent(front), lent(cells)
     paths, joined = lent(paths), lent(joined)

@@ -16,6 +16,26 @@ from renderers.transport.wavefront import goes_on, uniform
 CONTACT, EVENT, DEAD, ON = range(4)
 
 
+class Walk(NamedTuple):
+    """What loops through bodies read and change of n `Paths`."""
+
+    origin: np.ndarray
+    direction: np.ndarray
+    throughput: np.ndarray
+    states: np.ndarray
+    pixel: np.ndarray
+    order: np.ndarray
+    bounces: np.ndarray
+    density: np.ndarray
+    single: np.ndarray
+    drawn: np.ndarray
+    far: np.ndarray
+    triangle: np.ndarray
+    start: np.ndarray
+    events: np.ndarray
+    scattered: np.ndarray
+
+
 class Limits(NamedTuple):
     """How a path goes through a body.
 
@@ -34,7 +54,7 @@ def advance(geometry, medium, limits, paths, status, begin, end):
     """Takes paths begin to end through a body, up to a surface: status (n,) becomes CONTACT, EVENT or DEAD.
 
     medium : `Scatterer`;  limits : `Limits`
-    paths : `Paths`, `far` nan where not known; becomes the distance to the surface met
+    paths : `Walk`, `far` nan where not known; becomes the distance to the surface met
     """
     geometry, medium, limits, paths = lent(geometry), lent(medium), lent(limits), lent(paths)
     scratch, values = mesh_scratch(), np.empty(paths.throughput.shape[1])

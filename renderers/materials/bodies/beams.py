@@ -20,9 +20,11 @@ from bakery.kernels import stream_key
 from renderers.materials.bodies import _beams, _points, light, surfaces
 from renderers.materials.bodies._beams import CHANGED, Lit, Spread
 from renderers.materials.bodies._cells import Cells, cells_of
-from renderers.materials.bodies.paths import Paths, thinned
+from renderers.materials.bodies._walk import Walk
+from renderers.materials.bodies.paths import starting, thinned
 from renderers.materials.bodies.setup import Sums
 from renderers.threads import run
+from renderers.transport.paths import Paths
 
 _WIDTH, _FREE = 0.01, 0.2  # half the width over which beams are spread: of a body's size; mfp, of those that begin at events
 _CELLS = 48  # along the longest edge of the box around a body
@@ -57,7 +59,7 @@ def entering(setup, number, entries, places, pass_number, seed) -> tuple[Lit, Pa
     if body.matched:
         none = np.zeros((0, 3))
         return of(none, none, none, np.zeros(0), np.zeros((0, waves)), np.zeros(0), 0), \
-            Paths.begun(none, none, np.zeros((0, waves)), np.zeros(0, np.uint64), np.arange(0))
+            starting(none, none, waves, np.zeros(0, np.uint64), np.arange(0))
     states, numbers = light.drawn(stream_key(seed, "render.beams", pass_number, number), places)
     triangle, point, normal, sample, cosine = light.sampled(setup, body, entries, numbers)
     power = sample.radiance * cosine[:, None] @ setup.colours.to_waves.T / (places * entries.density[triangle])[:, None]
@@ -121,11 +123,12 @@ class Joins(NamedTuple):
             return
         brought, facing = np.zeros((CHANGED + 1, *lines.throughput.shape)), surfaces.facing(setup, lines)
         for join, *its in self.sets:
-            run(join, lines.count, setup.bodies[number].medium, *(part[number] for part in its), lines, facing, brought, block=64)
+            its = (part[number] for part in its)
+            run(join, lines.count, setup.bodies[number].medium, *its, lines.part(Walk), facing, brought, block=64)
         for order, values in enumerate(brought[:CHANGED]):
-            sums.add(lines, values * lines.throughput @ setup.colours.to_rgb.T, order + 1)
+            sums.add_of_beams(lines, values * lines.throughput @ setup.colours.to_rgb.T, order + 1)
         if self.changed:
-            self.changed.add(lines, brought[CHANGED] * lines.throughput @ setup.colours.to_rgb.T, CHANGED)
+            self.changed.add_of_beams(lines, brought[CHANGED] * lines.throughput @ setup.colours.to_rgb.T, CHANGED)
 
 
 def joins(setup, sets, points=(), every=False, changed=None, share=1.0) -> Joins:

@@ -13,8 +13,7 @@ import numpy as np
 
 from bakery.kernels import stream_key
 from renderers.materials.bodies import _geometry, _walk, beams, light, surfaces, transport
-from renderers.materials.bodies.paths import Paths
-from renderers.materials.bodies.setup import Sums
+from renderers.materials.bodies.paths import starting
 from renderers.threads import run
 from renderers.transport import wavefront
 from renderers.transport.paths import joined
@@ -68,7 +67,7 @@ def _arriving(setup, entries, number, seed):
         before = surfaces.located(setup.geometry, paths)
         owner = np.where(paths.triangle >= 0, setup.geometry.owner[paths.triangle], -1)
         paths.seen[:], paths.pixel[:] = True, np.arange(paths.count)
-        beyond = surfaces.shaded(setup, paths, Sums(0, by_paths=False), power=True)
+        beyond = surfaces.shaded(setup, paths)
         beyond = beyond.of(beyond.single)  # from rough surfaces a light sample finds the light
         within, rays = surfaces.located(setup.geometry, beyond), beyond.pixel
         refracted.append((within >= 0) & (within == owner[rays]) & (before[rays] != within))
@@ -76,8 +75,7 @@ def _arriving(setup, entries, number, seed):
         offset += len(power)
         behind.append(beyond)
         powers.append(power)
-    none = Paths.begun(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, len(setup.colours.to_waves))), np.zeros(0, np.uint64),
-                       np.arange(0))
+    none = starting(*np.zeros((2, 0, 3)), len(setup.colours.to_waves), np.zeros(0, np.uint64), np.arange(0))
     return joined([*behind, none]), np.concatenate([*powers, np.zeros(0)]), np.concatenate([*refracted, np.zeros(0, bool)])
 
 
@@ -98,7 +96,9 @@ def _to_boundary(setup, number, entries, pass_number, seed):
         passed = transport.transmittance(setup, start, towards[rows], sample.distance, bright)
         arrives = cosine * len(setup.points) / (_RAYS * entries.density[triangle[rows]])
         power[rows] = (sample.radiance @ setup.colours.to_waves.T) * passed * arrives[:, None]
-    return _scaled(Paths.begun(point + light.LOOK * setup.geometry.scale * towards, -towards, power, states, np.arange(_RAYS)))
+    outside = point + light.LOOK * setup.geometry.scale * towards
+    paths = starting(outside, -towards, power.shape[1], states, np.arange(_RAYS))
+    return _scaled(paths._replace(throughput=power))
 
 
 def _from_inside(setup, source, pass_number, seed):
@@ -122,7 +122,7 @@ def _ahead(setup, paths):
     for number in np.unique(within):
         rows = np.flatnonzero(within == number)
         its = paths.of(rows)
-        run(_walk.straight, len(rows), setup.bodies[number].medium, its)
+        run(_walk.straight, len(rows), setup.bodies[number].medium, its.part(_walk.Walk))
         paths.throughput[rows] = its.throughput
     return paths, ~surfaces.blind(setup, paths)
 
@@ -178,9 +178,9 @@ def _follow(setup, paths, power, joined_directly, collected):
 def _onward(setup, paths, within):
     """Parts of paths beyond the next surface: those that were outside of bodies; and in them, across boundaries to which light is
     blind, and turned."""
-    outside = surfaces.at_surfaces(setup, paths.of(within == _geometry.OUTSIDE), Sums(0, by_paths=False), power=True)
+    outside = surfaces.at_surfaces(setup, paths.of(within == _geometry.OUTSIDE))
     paths, turns = _ahead(setup, paths.of(within >= 0))
-    turned = surfaces.shaded(setup, paths.of(turns), Sums(0, by_paths=False), power=True)
+    turned = surfaces.shaded(setup, paths.of(turns))
     return outside, surfaces.crossed(setup, paths.of(~turns)), turned
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from bakery import kernels
 from renderers.materials.bodies import _dipole, _geometry, gather, smooth, surfaces, transport
+from renderers.materials.bodies._walk import Walk
 from renderers.materials.bodies.setup import Sums
 from renderers.threads import run
 from renderers.transport.paths import joined
@@ -72,6 +73,7 @@ def _gathered(setup, paths, number, dipole, beams, normal, picks, sums):
     order = gather.by_place(paths.origin, setup.bodies[number].vertices)
     lines = paths.of(order)
     brought, groups = np.empty(lines.throughput.shape), -(-lines.count // _dipole.TOGETHER)
-    run(_dipole.gather, groups, dipole, beams, normal, picks, lines, surfaces.facing(setup, lines), brought, block=16)
+    facing = surfaces.facing(setup, lines)
+    run(_dipole.gather, groups, dipole, beams, normal, picks, lines.part(Walk), facing, brought, block=16)
     paths.states[order] = lines.states
     sums.add_gathered(lines, brought * lines.throughput @ setup.colours.to_rgb.T)

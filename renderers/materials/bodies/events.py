@@ -17,7 +17,6 @@ from renderers.materials.bodies._events import EVENTS, Record
 from renderers.materials.bodies._points import Disc, Points
 from renderers.materials.bodies.bodies import holds
 from renderers.materials.bodies.paths import UNLIMITED
-from renderers.materials.bodies.setup import Sums
 from renderers.threads import run
 from renderers.transport import wavefront
 from renderers.transport.paths import joined
@@ -66,7 +65,7 @@ def of_walks(setup, entries, places, walks, number, seed) -> Walked:
     count = 0
     while paths.count:
         within = surfaces.located(setup.geometry, paths)
-        parts = [surfaces.at_surfaces(setup, paths.of(within == _geometry.OUTSIDE), Sums(0, by_paths=False), power=True)]
+        parts = [surfaces.at_surfaces(setup, paths.of(within == _geometry.OUTSIDE))]
         for body in np.unique(within[within >= 0]):
             its = paths.of(within == body)
             count -= int(its.order.sum())
@@ -90,23 +89,19 @@ def _walked(setup, number, paths, scale, collected):
     limits = _walk.Limits(shells.none(waves), UNLIMITED, True)
     boundary = _light.Boundary(number, body.index if body.smooth else 0.0)
     near = np.inf if holds(body, setup.world.camera.origin) else _NEAR
-    run(_events.walk, n, setup.geometry, body.medium, boundary, limits, near, paths, record, block=256)
+    run(_events.walk, n, setup.geometry, body.medium, boundary, limits, near, paths.part(_walk.Walk), record,
+        block=256)
     noted = record.before >= 0
     collected.append((record.at[noted], record.before[noted], scale * arrived[noted], scale * APART * turned[noted]))
     paths.single[:] = False
     beyond, meets = (paths.of(record.status == status) for status in (_light.OUTSIDE, _light.SURFACE))
     beyond.origin[:] += setup.off * beyond.direction
     return [paths.of(record.status == _light.MORE), beyond,
-            surfaces.at_surfaces(setup, meets, Sums(0, by_paths=False), power=True, traced=False)]
+            surfaces.at_surfaces(setup, meets, traced=False)]
 
 
 def _parted(at, before, arrived, turned):
     """`Lit` and `Points` of events, rows of `Record`."""
     begin, ends = ~np.isnan(at[:, 10]), np.isfinite(at[:, 9])
     lit = beams.begun(at[begin, :3], at[begin, 6:9], at[begin, 10], turned[begin], before[begin] + 1)
-    return lit, _points(at[ends, :6], at[ends, 9], arrived[ends], before[ends])
-
-
-def _points(*arrays):
-    """`Points` of arrays of any layout."""
-    return Points(*map(np.ascontiguousarray, arrays))
+    return lit, Points(*map(np.ascontiguousarray, (at[ends, :6], at[ends, 9], arrived[ends], before[ends])))

@@ -54,8 +54,8 @@ class Gather(NamedTuple):
         paths.states[rows] = states
         later, second, beyond = (values * lines.throughput @ transport.colours.to_rgb.T for values in sight.brought)
         sums.add_gathered(lines, later)
-        sums.add(lines, second, 2)
-        sums.add(lines, beyond, 3)
+        sums.add_of_beams(lines, second, 2)
+        sums.add_of_beams(lines, beyond, 3)
 
 
 def sights(paths):

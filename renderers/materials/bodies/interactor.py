@@ -3,7 +3,7 @@
 import numpy as np
 
 from renderers.materials.bodies import _walk, shells
-from renderers.materials.bodies.paths import UNLIMITED, Paths
+from renderers.materials.bodies.paths import UNLIMITED
 from renderers.materials.medium.interactor import Medium
 from renderers.threads import run
 from renderers.transport.paths import ENDED, EVENT, REACHED
@@ -26,10 +26,8 @@ class Body(Medium):
     def walk(self, paths):
         """As `advance`, up to the boundary or a surface in the body: also distances to that (n,) m, and whether it is blind."""
         n, status = paths.count, np.empty(paths.count, np.int64)
-        shared = {name: getattr(paths, name) for name in Paths._fields if name in paths._fields}
-        its = Paths(**shared | {"far": np.full(n, np.nan), "triangle": np.zeros(n, np.int64), "start": np.full(n, -1),
-                                "events": np.zeros(n, np.int64), "scattered": np.zeros(n, bool), "seen": np.zeros(n, bool),
-                                "rival": np.zeros(n)})
+        its = paths._replace(far=np.full(n, np.nan), triangle=np.zeros(n, np.int64), start=np.full(n, -1),
+                             events=np.zeros(n, np.int64), scattered=np.zeros(n, bool)).part(_walk.Walk)
         run(_walk.advance, n, self._geometry, self.scatterer, self._limits, its, status)
         paths.shaded[its.scattered], paths.left_out[its.scattered] = not self.sampled, np.nan
         owner = self._geometry.owner[np.maximum(its.triangle, 0)]  # -1 where paths are lost

@@ -17,11 +17,11 @@ import numpy as np
 from bakery.kernels import stream_key
 from renderers.materials.bodies import _geometry, _light, _walk, gather, shells, surfaces, transport
 from renderers.materials.bodies._gather import Beams
-from renderers.materials.bodies.paths import UNLIMITED, Paths
+from renderers.materials.bodies.paths import UNLIMITED, starting
 from renderers.materials.bodies.setup import Sums
 from renderers.threads import run
 from renderers.transport import steps, wavefront
-from renderers.transport.paths import joined
+from renderers.transport.paths import Flying, Paths, joined
 from renderers.transport.scattering import turn
 
 _ROUNDS = 3  # that find where light comes in
@@ -135,7 +135,7 @@ def _entered(setup, number, entries, places, key):
     from_lamps = sample.radiance * (sample.share(cosine / np.pi) * cosine)[:, None] @ setup.colours.to_waves.T
     # light from all other ways that it can come
     direction = _about(normal, numbers[:, 5:7])
-    looking = Paths.begun(outside, direction, np.ones((places, waves)), states, np.arange(places))
+    looking = starting(outside, direction, waves, states, np.arange(places))
     looking.density[:] = np.einsum("nk,nk->n", direction, normal) / np.pi
     looking.single[:] = False
     seen = Sums(places)
@@ -167,7 +167,7 @@ def sampled(setup, body, entries, numbers):
 
 def refracted(setup, body, point, towards, power, states):
     """Which of points on a boundary light from directions goes in at, the paths, and their power."""
-    paths = Paths.begun(point, -towards, np.ones_like(power), states, np.arange(len(point)))
+    paths = starting(point, -towards, power.shape[1], states, np.arange(len(point)))
     if body.matched or not paths.count:
         paths.origin[:] += setup.off * paths.direction
         return np.arange(paths.count), paths, power
@@ -228,9 +228,8 @@ def sent(setup, lamp, rays, key) -> tuple[Paths, np.ndarray]:
     """Paths on which a lamp (position in `World.light_names`) sends light, and their power (n, L), W; key : of their streams"""
     states = wavefront.streams(key, rays)
     origin, direction, power = setup.world.light_rays(lamp, wavefront.uniforms(states, 5))
-    ones = np.ones((rays, len(setup.colours.to_waves)))
-    return Paths.begun(origin + setup.off * direction, direction, ones, states, np.arange(rays)), \
-        power @ setup.colours.to_waves.T / rays
+    paths = starting(origin + setup.off * direction, direction, len(setup.colours.to_waves), states, np.arange(rays))
+    return paths, power @ setup.colours.to_waves.T / rays
 
 
 # ---- light that walks on
@@ -252,7 +251,7 @@ def _walk_on(setup, paths, scale, collected, by_events):
     fresh = np.ones(paths.count, bool)
     while paths.count:
         within = _begun(setup, paths, fresh, scale, collected)
-        parts = [surfaces.at_surfaces(setup, paths.of(within == _geometry.OUTSIDE), Sums(0, by_paths=False), power=True)]
+        parts = [surfaces.at_surfaces(setup, paths.of(within == _geometry.OUTSIDE))]
         kept = [np.ones(parts[0].count, bool)]
         for body in np.unique(within[within >= 0]):
             its = paths.of(within == body)
@@ -279,8 +278,8 @@ def _walked(setup, number, paths, scale, collected):
     leaving, back = (np.empty((n, _light.MEETINGS, columns + waves)) for columns in (7, 8))
     ends = _light.Ends(leaving, back, np.empty(n, np.int64))
     limits = _walk.Limits(shells.none(waves), UNLIMITED, False)
-    run(_light.walk, n, setup.geometry, body.medium, _light.Boundary(number, body.index if body.smooth else 0.0), limits, paths,
-        ends, block=256)
+    boundary = _light.Boundary(number, body.index if body.smooth else 0.0)
+    run(_light.walk, n, setup.geometry, body.medium, boundary, limits, paths.part(_walk.Walk), ends, block=256)
     leaving, back = leaving[leaving[..., 6] > 0], back[back[..., 7] >= 0]
     collected.add(leaving[:, :3], leaving[:, 3:6], np.inf, -scale * leaving[:, 7:], leaving[:, 6], real=False)
     collected.add(back[:, :3], back[:, 3:6], back[:, 6], scale * back[:, 8:], back[:, 7])
@@ -288,13 +287,13 @@ def _walked(setup, number, paths, scale, collected):
     beyond.origin[:] += setup.off * beyond.direction
     meets = paths.of(ends.status == _light.SURFACE)
     return [(paths.of(ends.status == _light.MORE), True), (beyond, False),
-            (surfaces.shaded(setup, meets, Sums(0, by_paths=False), power=True), False)]
+            (surfaces.shaded(setup, meets), False)]
 
 
 def _ways(setup, number, paths):
     """The same, up to the next event or surface."""
     scattered, meets = turned(setup, number, paths)
-    onward = surfaces.at_surfaces(setup, paths.of(meets), Sums(0, by_paths=False), power=True, traced=False)
+    onward = surfaces.at_surfaces(setup, paths.of(meets), traced=False)
     return [(scattered, False), (onward, False)]
 
 
@@ -302,6 +301,6 @@ def turned(setup, number, paths):
     """Paths in body `number` after their next event, and which (n,) have met a surface before it."""
     status = transport.through(setup, number, paths, UNLIMITED, True)
     turns = paths.of(status == _walk.EVENT)
-    run(turn, turns.count, setup.bodies[number].medium, turns)
+    run(turn, turns.count, setup.bodies[number].medium, turns.part(Flying))
     turns.single[:] = False
     return steps.survivors(turns), status == _walk.CONTACT

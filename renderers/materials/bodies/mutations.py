@@ -176,9 +176,7 @@ class Mutations:
         """`Paths` of each body that are lines of sight in it, in a pass."""
         setup, asked, collected = self._setup, self._settings, _Collected()
         pixels, sums = np.flatnonzero(gathers), Sums(self._pixels, by_paths=False)
-        streams, shift = np.empty(len(pixels), np.uint64), np.empty((len(pixels), 2))
-        wavefront.begin_streams(stream_key(seed, "render.sights", number), 0, streams)
-        wavefront.draw(streams, shift)
+        shift = wavefront.uniforms(wavefront.streams(stream_key(seed, "render.sights", number), len(pixels)), 2)
         key = stream_key(seed, "render.lines", number)
 
         def camera(first, last):
@@ -270,10 +268,9 @@ class _Group:
         guess = among.guess._replace(
             lines=_mutations.ends_of(sigma, sights.origin, sights.direction, sights.far, sights.weight),
             beams=_mutations.ends_of(sigma, beams.origin, beams.direction, beams.length, beams.power))
-        self.body, self._among, self._stream = body, among._replace(guess=guess), np.empty(1, np.uint64)
+        self.body, self._among, self._stream = body, among._replace(guess=guess), wavefront.streams(key, 1)
         self._looked = _OF_LINE * len(among.sights.far)
         self.count = _CANDIDATES * self._looked
-        wavefront.begin_streams(key, 0, self._stream)
 
     def pilot(self):
         """A `Guide` by what states drawn alike are guessed to bring, root mean square."""
@@ -296,8 +293,7 @@ class _Group:
     def _drawn(self, guide, first, last, n):
         """Candidates first to last of n, which the guide draws from a lattice of numbers, moved by chance, by their lines; and
         what is guessed of each over its density."""
-        shift, number, worth = np.empty((1, NUMBERS)), np.arange(first, last), np.empty(last - first)
-        wavefront.draw(self._stream, shift)
+        shift, number, worth = wavefront.uniforms(self._stream, NUMBERS), np.arange(first, last), np.empty(last - first)
         states = number[:, None] * _LATTICE + shift
         states -= np.floor(states)
         states[:, 0] = np.minimum((number + shift[0, 0]) / n, 1 - 2.0**-53)
@@ -309,8 +305,7 @@ class _Group:
         edge, guess, sights, beams = self._among
         takes = beams.power.sum(axis=1) < 0
         order = np.argsort(takes[np.minimum((states[:, 1] * len(takes)).astype(int), len(takes) - 1)], kind="stable")
-        number, added = np.empty((1, 1)), np.cumsum(worth[order])
-        wavefront.draw(self._stream, number)
+        number, added = wavefront.uniforms(self._stream, 1), np.cumsum(worth[order])
         if not added[-1] > 0:
             return
         along = (np.arange(count) + number[0, 0]) / count * added[-1]

@@ -15,6 +15,7 @@ from renderers.materials.bodies import _refraction
 from renderers.materials.bodies._cells import Cells, cells_of
 from renderers.materials.bodies._refraction import Front, Joined
 from renderers.threads import run
+from renderers.transport.paths import Flying
 
 _VOXELS = 64  # along the longest edge of the box around a body, at most
 
@@ -70,5 +71,6 @@ def joined(transport, number, bent, paths) -> Joined:
     """
     n = paths.count
     ways = Joined(np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n), np.empty(n))
-    run(_refraction.join, n, transport.geometry, transport.bodies[number].medium, bent.front, bent.cells, paths, ways)
+    run(_refraction.join, n, transport.geometry, transport.bodies[number].medium, bent.front, bent.cells,
+        paths.part(Flying), ways)
     return ways

@@ -6,7 +6,7 @@ import numpy as np
 
 from renderers.materials.bodies import _geometry
 from renderers.materials.bodies.bodies import Body
-from renderers.transport import wavefront
+from renderers.transport import steps
 from renderers.transport.paths import Colours
 
 _OFF = 1e-6  # of the size of all bodies, that a path is put beyond a boundary which it crosses
@@ -59,21 +59,20 @@ class Transport(NamedTuple):
         return _OFF * self.geometry.scale
 
 
-class Sums:
-    """Light that a pass has brought, linear sRGB.
+class Sums(steps.Sums):
+    """As `steps.Sums`, of no light by itself; `by_order` without what `gathered` holds.
 
-    by_order : (ORDERS, pixels, 3), without what `gathered` holds
     gathered : (pixels, 3) of beams, by the tables
     by_paths : whether light counts that paths find by themselves; else only that of beams does
     """
 
     def __init__(self, pixels, by_paths=True):
-        self.by_order, self.gathered, self.by_paths = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((pixels, 3)), by_paths
-        self._no_light = np.zeros((0, pixels, 3))
+        super().__init__(pixels, 0, pixels)
+        self.gathered, self.by_paths = np.zeros((pixels, 3)), by_paths
 
-    def add(self, paths, added, orders=0):
-        """What paths bring, added (n, 3), with so many events more."""
-        wavefront.accumulate(added, paths.order + orders, np.full(paths.count, -1), paths.pixel, self.by_order, self._no_light)
+    def add_of_beams(self, paths, added, orders):
+        """What beams bring lines of sight, added (n, 3), with so many events more."""
+        self.add(paths._replace(order=paths.order + orders), np.full(paths.count, -1), added)
 
     def add_gathered(self, paths, added):
         """What the tables bring, added (n, 3)."""

@@ -15,7 +15,7 @@ from renderers.materials.bodies import _shells
 from renderers.materials.bodies._shells import Shells
 from renderers.threads import run
 from renderers.transport.scattering import Scatterer
-from renderers.transport.wavefront import begin_streams
+from renderers.transport.wavefront import streams
 
 _SMALLEST, _LARGEST, _RATIO = 2.0, 256.0, 2**0.5  # of the radii, in the shortest mean free path of all wavelengths
 _NUMBERS = 1 << 21  # stored for each radius: 190,000 exits at three wavelengths
@@ -42,9 +42,8 @@ def _stored(arrays, reach):
     radii = radii[radii <= reach]
     count = max(_NUMBERS // (columns * waves * _GROUPS), 1) * _GROUPS
     shells = Shells(radii, np.zeros((len(radii), waves, count, columns), np.float32))
-    states = np.empty(waves * count, np.uint64)
     for at in range(len(radii)):
-        begin_streams(stream_key(0, "render.shells", at), 0, states)
+        states = streams(stream_key(0, "render.shells", at), waves * count)
         run(_shells.fill, len(states), medium, shells, at, _GROUPS, states)
         if at and not np.any(left(shells, at).mean(axis=0) > _FAINT):
             return Shells(radii[:at].copy(), shells.exits[:at].copy())

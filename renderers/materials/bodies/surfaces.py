@@ -3,8 +3,7 @@
 import numpy as np
 
 from renderers.materials.bodies import _geometry
-from renderers.materials.bodies.paths import Paths
-from renderers.materials.bodies.setup import Sums
+from renderers.materials.bodies.paths import starting
 from renderers.mitsuba.shading import LOBE, selected
 from renderers.threads import run
 from renderers.transport import steps, wavefront
@@ -44,10 +43,10 @@ def crossed(transport, paths):
     return paths
 
 
-def at_surfaces(transport, paths, sums, power=False, traced=True):
+def at_surfaces(transport, paths, sums=None, traced=True):
     """Paths after the surface ahead: beyond boundaries to which light is blind, or turned by Mitsuba, their light added.
 
-    power : as in `World.shade`
+    sums : None: light itself goes, whose power surfaces turn
     traced : whether something else may stand before the body, as outside of all
     """
     crosses = blind(transport, paths)
@@ -55,18 +54,18 @@ def at_surfaces(transport, paths, sums, power=False, traced=True):
         ways = paths.origin[crosses], paths.direction[crosses], paths.far[crosses] * (1 - 1e-4)
         crosses[crosses] = ~(transport.world.trace(*ways) < np.inf)
     if not crosses.any():
-        return shaded(transport, paths, sums, power)
-    return joined([crossed(transport, paths.of(crosses)), shaded(transport, paths.of(~crosses), sums, power)])
+        return shaded(transport, paths, sums)
+    return joined([crossed(transport, paths.of(crosses)), shaded(transport, paths.of(~crosses), sums)])
 
 
-def shaded(transport, paths, sums, power=False):
-    """Paths that Mitsuba has turned at surfaces, after their light has been added; `power` as in `World.shade`.
+def shaded(transport, paths, sums=None):
+    """Paths that Mitsuba has turned at surfaces, after their light has been added; sums : as of `at_surfaces`.
 
     At smooth dielectrics that the camera sees, directly or through and in others, paths of much weight go both ways.
     """
     if not paths.count:
         return paths
-    numbers = wavefront.uniforms(paths.states, 6)
+    numbers, power = wavefront.uniforms(paths.states, 6), sums is None
     seen = splits(paths)
     if not seen.any():
         return _turned(transport, paths, _shade(transport, paths, numbers, power), sums)
@@ -76,7 +75,7 @@ def shaded(transport, paths, sums, power=False):
     sampled = back.hit & back.delta & on.delta & (back.density > 0) & (on.density > 0) \
         & (np.abs(back.density + on.density - 1) < 1e-4)
     parts.append(_turned(transport, paths.of(~sampled), _shade(transport, paths.of(~sampled), numbers[~sampled], power), sums))
-    for shading, add in ((back, sums), (on, Sums(0, by_paths=False))):
+    for shading, add in ((back, sums), (on, None)):
         part = paths.of(sampled)
         part.throughput[:] *= shading.density[sampled][:, None]
         parts.append(_turned(transport, part, selected(shading, sampled), add))
@@ -102,15 +101,14 @@ def _chosen(numbers, lobe):
 
 def _turned(transport, paths, shading, sums):
     """Paths that go on from surfaces as Mitsuba says, after their light has been added."""
-    if sums.by_paths:
-        _emits(transport, paths, shading, sums)
+    counted = sums if sums and sums.by_paths else None
+    if counted:
+        shading = _less_of_beams(transport, paths, shading)
+        steps.add_light(transport.colours, paths.throughput, paths.order, shading.emitted, shading.source, paths, counted)
     # from the boundary to the next surface, where `emitted` asks for the density of light samples
     paths.rival[paths.events == 0] = 0.0
-    hit = np.flatnonzero(shading.hit)
-    paths = paths.of(hit)
-    steps.reflected(transport.colours, paths, shading, hit)
+    paths = steps.turned(transport.colours, paths, shading, counted)
     paths.drawn[:] = paths.origin
-    paths.bounces[:] += 1
     paths.start[:], paths.events[:], paths.scattered[:] = -1, 0, False
     paths.seen[:] &= paths.single & (paths.order == 0)
     rivals = paths.rival > 0
@@ -118,24 +116,20 @@ def _turned(transport, paths, shading, sums):
     return steps.thinned(steps.survivors(paths), _FAR)
 
 
-def _emits(transport, paths, shading, sums):
-    """Adds the light that paths meet, and that of light samples at surfaces."""
-    added = np.empty((paths.count, 3))
-    emitted, from_samples = shading.emitted, shading.light.radiance
-    if paths.rival.any():
-        leaving = paths.events == 0
-        emitted = emitted * _share(np.where(leaving, paths.rival, 0.0), shading.by_light)
-        # a rough boundary takes its light sample while the path is still inside
-        leaves = np.flatnonzero(~leaving & (paths.rival > 0) & (from_samples > 0).any(axis=1))
-        ahead = shading.light.direction[leaves].astype(float)
-        ahead = Paths.begun(shading.point[leaves] + transport.off * ahead, ahead, np.ones((len(ahead), 1)), leaves, leaves)
-        leaves = leaves[located(transport.geometry, ahead) == _geometry.OUTSIDE]
-        density = np.where(shading.light.delta, np.inf, shading.light.density)[leaves]
-        from_samples = from_samples.copy()
-        from_samples[leaves] *= _share(paths.rival[leaves], density)
-    for radiance in (emitted, from_samples):
-        wavefront.emitted(transport.colours, paths.throughput, paths.order, radiance, added)
-        sums.add(paths, added)
+def _less_of_beams(transport, paths, shading):
+    """What paths have met, less the share of its light, and of that of light samples, which beams bring."""
+    if not paths.rival.any():
+        return shading
+    light, leaving = shading.light, paths.events == 0
+    # a rough boundary takes its light sample while the path is still inside
+    leaves = np.flatnonzero(~leaving & (paths.rival > 0) & (light.radiance > 0).any(axis=1))
+    ahead = light.direction[leaves].astype(float)
+    ahead = starting(shading.point[leaves] + transport.off * ahead, ahead, 1, leaves, leaves)
+    leaves = leaves[located(transport.geometry, ahead) == _geometry.OUTSIDE]
+    density, radiance = np.where(light.delta, np.inf, light.density)[leaves], light.radiance.copy()
+    radiance[leaves] *= _share(paths.rival[leaves], density)
+    emitted = shading.emitted * _share(np.where(leaving, paths.rival, 0.0), shading.by_light)
+    return shading._replace(emitted=emitted, light=light._replace(radiance=radiance))
 
 
 def _share(rival, density):

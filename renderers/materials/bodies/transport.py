@@ -7,12 +7,13 @@ often as its method lets it, and goes on to the next surface.
 import numpy as np
 
 from renderers.materials.bodies import _beams, _geometry, _walk, refraction
-from renderers.materials.bodies.paths import Paths, thinned
+from renderers.materials.bodies._walk import Walk
+from renderers.materials.bodies.paths import starting, thinned
 from renderers.materials.bodies.setup import Sums
 from renderers.materials.bodies.surfaces import at_surfaces, located, splits
 from renderers.threads import run
 from renderers.transport import steps, wavefront
-from renderers.transport.paths import follow, joined, of_camera
+from renderers.transport.paths import Flying, Paths, follow, joined, of_camera
 from renderers.transport.scattering import next_event, of_one_component, turn
 
 _ALL = 1 << 17  # paths that go on together; more take more memory, and fewer more calls
@@ -51,7 +52,7 @@ def begin(transport, pixel, key, first=None, places=None) -> Paths:
     world, width = transport.world, transport.world.size[1]
     rays = world.camera_rays if places is None else lambda _, corners: world.camera_rays(places, corners)
     states, origin, direction = of_camera(rays, key, first, np.stack([pixel // width, pixel % width], axis=1))
-    paths = Paths.begun(origin, direction, np.ones((len(pixel), len(transport.colours.to_waves))), states, pixel)
+    paths = starting(origin, direction, len(transport.colours.to_waves), states, pixel)
     paths.seen[:] = True
     return paths
 
@@ -68,7 +69,8 @@ def onward(transport, paths, most, sums, gather=None, fates=1) -> Paths:
 def through(transport, number, paths, most, waits):
     """Takes paths through a body, as `_walk.advance`: how far they have come (n,)."""
     status, body = np.empty(paths.count, np.int64), transport.bodies[number]
-    run(_walk.advance, paths.count, transport.geometry, body.medium, _walk.Limits(body.shells, most, waits), paths, status)
+    limits = _walk.Limits(body.shells, most, waits)
+    run(_walk.advance, paths.count, transport.geometry, body.medium, limits, paths.part(Walk), status)
     return status
 
 
@@ -104,12 +106,12 @@ def _both_ways(transport, paths, number, sums, fates):
     """Parts of paths in a body that come straight through, and, so many of each, that scatter on the way, both for sure."""
     body, straight = transport.bodies[number], paths.of(slice(None))
     fate = paths.of(np.tile(np.arange(paths.count), fates))
-    run(_walk.straight, paths.count, body.medium, straight)
+    run(_walk.straight, paths.count, body.medium, straight.part(Walk))
     wavefront.branch(straight.states)  # too, as nothing is drawn until it parts in the next body
     wavefront.branch(fate.states, np.repeat(np.arange(1, fates + 1), paths.count))
     start = fate.origin.copy()
     fate.throughput[:] /= fates
-    run(_walk.inside, fate.count, body.medium, fate)
+    run(_walk.inside, fate.count, body.medium, fate.part(Walk))
     fate.seen[:] = False
     return [at_surfaces(transport, straight, sums, traced=not body.matched),
             _at_events(transport, number, fate, start, sums)]
@@ -130,7 +132,7 @@ def _at_events(transport, number, paths, start, sums):
     for bent in transport.bent[number] if sums.by_paths else []:
         _add_refracted_light(transport, number, bent, paths, sums)
     before = paths.direction.copy()
-    run(turn, paths.count, medium, paths)
+    run(turn, paths.count, medium, paths.part(Flying))
     paths.single[:] = False
     if _joins(transport, number, sums):
         flown = np.linalg.norm(paths.origin - start, axis=1)
@@ -146,8 +148,8 @@ def _add_light(transport, medium, paths, sums):
     towards, bright = sample.direction.astype(float), (sample.radiance > 0).any(axis=1)
     passed = transmittance(transport, paths.origin, towards, sample.distance, bright)
     sample, points = sample._replace(direction=towards), of_one_component(paths.count)
-    run(next_event, paths.count, medium, transport.colours, paths, points, sample, passed, added)
-    sums.add(paths, added)
+    run(next_event, paths.count, medium, transport.colours, paths.part(Flying), points, sample, passed, added)
+    sums.add(paths, sample.light, added)
 
 
 def transmittance(transport, origin, towards, distance, bright):
@@ -183,5 +185,5 @@ def _add_refracted_light(transport, number, bent, paths, sums):
                              delta=np.ones(len(with_light), bool))
     added = np.empty((len(with_light), 3))
     points = of_one_component(len(with_light))
-    run(next_event, len(with_light), medium, transport.colours, reached, points, sample, passed, added)
-    sums.add(reached, added)
+    run(next_event, len(with_light), medium, transport.colours, reached.part(Flying), points, sample, passed, added)
+    sums.add(reached, sample.light, added)

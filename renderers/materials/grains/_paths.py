@@ -163,12 +163,17 @@ def turn(grains, kind, n, d, throughput, states, i, chance):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def at_grain(grains, kind, t, ray, walk, event, i):
-    """What path i needs on a grain of a type, after a length t: LIGHT, DEAD, or NOTHING; ray : p, d and the normal there, (3,).
+def at_grain(grains, sphere, at, t, ray, walk, event, i):
+    """Puts path i on a grain that it has met after a length t; what it needs: LIGHT, DEAD, or NOTHING.
 
     It is absorbed on its way in the grain, and turned unless it needs light.
+    sphere, at : (4,), (2,) as of `_grains.next_surface`;  ray : p, d and the normal there, (3,)
     """
-    p, d, n = ray
+    (p, d, n), kind = ray, at[1]
+    walk.bounces[i] += 1
+    walk.far[i], walk.triangle[i] = np.nan, at[0]
+    for k in range(4):
+        walk.sphere[i, k] = sphere[k]
     if d[0] * n[0] + d[1] * n[1] + d[2] * n[2] > 0.0:
         if grains.exemplars.table[kind, 0] != DIELECTRIC:  # a camera, a lamp or rounding took light into what is opaque
             return DEAD
@@ -234,11 +239,7 @@ def advance(grains, occupied, walk, switching, event, begin, end):
                 walk.order[i] += 1
                 for k in range(3):
                     switching.last[i, k] = p[k] * unit
-            walk.bounces[i] += 1
-            walk.far[i], walk.triangle[i] = np.nan, at[0]
-            for k in range(4):
-                walk.sphere[i, k] = sphere[k]
-            status[i] = at_grain(grains, at[1], t, (p, d, n), walk, event, i)
+            status[i] = at_grain(grains, sphere, at, t, (p, d, n), walk, event, i)
         keep_ray(walk, unit, i, p, d)
 
 

@@ -184,14 +184,10 @@ def advance(grains, flights, occupied, walk, centre, event, begin, end):
                 break
             if walk.sphere[i, 0] != sphere[0] or walk.sphere[i, 1] != sphere[1]:
                 walk.order[i] += 1
-            walk.bounces[i] += 1
-            walk.far[i], walk.triangle[i] = np.nan, at[0]
             for k in range(3):
                 p[k] += t * d[k]
                 centre[i, k] = middle[k] * unit
-            for k in range(4):
-                walk.sphere[i, k] = sphere[k]
-            status[i] = at_grain(grains, at[1], t, (p, d, n), walk, event, i)
+            status[i] = at_grain(grains, sphere, at, t, (p, d, n), walk, event, i)
         keep_ray(walk, unit, i, p, d)
 
 

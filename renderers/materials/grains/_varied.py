@@ -4,9 +4,8 @@ import math
 
 from bakery.kernels import extinctions_at
 from bakery.system.compiled import njit
+from renderers.transport.scattering import lessened
 from renderers.transport.wavefront import uniform
-
-_FAINT = 1 / 16  # light samples of which less is left are ended by chance
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -46,25 +45,17 @@ def collision(varied, x, y, z, weight, states, i, sigma):
 @njit(cache=True, nogil=True, error_model="numpy")
 def thinned(varied, p, d, t, passed, states, i, sigma):
     """Whether light is left after a way of length t in a medium that varies: passed (L,) loses its share (ratio tracking)."""
-    distance, most = 0.0, varied.most
+    distance = 0.0
     while True:
-        distance -= math.log1p(-uniform(states, i)) / most
+        distance -= math.log1p(-uniform(states, i)) / varied.most
         if distance >= t:
             return True
         extinctions_at(varied, p[0] + distance * d[0], p[1] + distance * d[1], p[2] + distance * d[2], sigma)
-        largest = 0.0
-        for w in range(len(passed)):
-            null_sigma = most
-            for c in range(len(sigma)):
-                null_sigma -= sigma[c, w]
-            passed[w] *= max(null_sigma, 0.0) / most
-            largest = max(largest, passed[w])
-        if largest < _FAINT:
-            ends = uniform(states, i) < 0.5
+        for c in range(1, len(sigma)):
             for w in range(len(passed)):
-                passed[w] *= 0.0 if ends else 2.0
-            if ends:
-                return False
+                sigma[0, w] += sigma[c, w]
+        if not lessened(passed, sigma[0], 1.0, varied.most, states, i):
+            return False
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery import kernels
-from bakery.kernels import lent, mesh_scratch, relative_density
+from bakery.kernels import lent, mesh_scratch
 from bakery.system.compiled import njit
 from renderers.mitsuba.shading import FAR
 from renderers.threads import run
@@ -14,13 +14,14 @@ from renderers.transport import wavefront
 from renderers.transport.paths import ELSEWHERE, ENDED, EVENT, REACHED, UNKNOWN, Flying
 from renderers.transport.scattering import (
     Scatterer,
-    collides,
+    collision,
+    dimmed,
     flight,
     flown,
-    lessened,
     mean_cosines,
     next_event,
     of_one_component,
+    ray_of,
     turn,
     turned,
 )
@@ -106,22 +107,6 @@ def _decay(scatterer):
     return float(np.min(scatterer.sigma_t * np.minimum(diffuse, 1.0)))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _collision(medium, density, most, paths, i, stop, scratch):
-    """Distance to a scattering of path i before `stop`, or `stop`; by collisions with as much medium as there is anywhere."""
-    sigma, weight, states = medium.sigma_t, paths.throughput, paths.states
-    t = 0.0
-    while True:
-        t -= math.log1p(-uniform(states, i)) / most
-        if t >= stop:
-            return stop
-        rho = relative_density(density, paths.origin[i, 0] + t * paths.direction[i, 0],
-                               paths.origin[i, 1] + t * paths.direction[i, 1], paths.origin[i, 2] + t * paths.direction[i, 2],
-                               scratch)
-        if collides(sigma, rho, most, weight, states, i):
-            return t
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def fly(medium, density, most, paths, stop, status, begin, end):
     """Takes paths begin to end to their next scattering, or to stop (n,) m; status (n,) becomes EVENT or REACHED.
@@ -132,7 +117,8 @@ def fly(medium, density, most, paths, stop, status, begin, end):
     scratch = mesh_scratch()
     for i in range(begin, end):
         if most > 0.0:
-            t = _collision(medium, density, most, paths, i, stop[i], scratch)
+            ray = ray_of(paths.origin, paths.direction, i)
+            t = collision(density, medium.sigma_t, 1.0, ray, (0.0, stop[i]), paths.throughput, paths.states, i, scratch)
         else:
             t = flight(medium, paths.throughput, paths.states, i)
             flown(medium, paths.throughput, i, min(t, stop[i], FAR), t < stop[i])
@@ -217,12 +203,4 @@ def transmit(medium, density, most, ways, share, begin, end):
             for w in range(len(sigma)):
                 share[i, w] *= math.exp(-sigma[w] * min(distance[i], FAR))
             continue
-        t = 0.0
-        while True:
-            t -= math.log1p(-uniform(states, i)) / most
-            if t >= distance[i]:
-                break
-            rho = relative_density(density, origin[i, 0] + t * direction[i, 0], origin[i, 1] + t * direction[i, 1],
-                                   origin[i, 2] + t * direction[i, 2], scratch)
-            if not lessened(share[i], sigma, rho, most, states, i):
-                break
+        dimmed(density, sigma, 1.0, ray_of(origin, direction, i), (0.0, distance[i]), share[i], states, i, scratch)

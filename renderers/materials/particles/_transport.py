@@ -16,13 +16,10 @@ from bakery.kernels import (
     lent,
     mesh_scratch,
     open_wavelengths,
-    phase_sample,
-    phase_value,
-    relative_density,
     turned_direction,
 )
 from bakery.system.compiled import njit
-from renderers.transport.scattering import collides, lessened
+from renderers.transport.scattering import angle, collision, dimmed, mean_phase, ray_of
 from renderers.transport.wavefront import to_rgb, uniform
 
 
@@ -68,13 +65,6 @@ class Guide(NamedTuple):
     direction: np.ndarray
     used: np.ndarray
     followed: float = 1.0
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def ray_of(origin, direction, i):
-    """Ray i, origin and direction, as six numbers."""
-    return (origin[i, 0], origin[i, 1], origin[i, 2],
-            np.float64(direction[i, 0]), np.float64(direction[i, 1]), np.float64(direction[i, 2]))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -138,26 +128,18 @@ def through_box(region, ray, begin, end):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _continuum(medium, paths, begin, end, distance, point, i, scratch):
-    """Null-collision tracking with the largest extinction of all wavelengths."""
-    region, sigma, weight, states = medium.discs.region, medium.sigma_t, paths.throughput, paths.states
+    region, ray = medium.discs.region, ray_of(paths.origin, paths.direction, i)
     share = medium.others if paths.left_out[i, 0] == paths.left_out[i, 0] else 1.0
-    most = sigma.max()
-    ray = ray_of(paths.origin, paths.direction, i)
-    ox, oy, oz, dx, dy, dz = ray
-    t, end = through_box(region, ray, begin, end)
-    if not (t < end and most > 0):
+    begin, end = through_box(region, ray, begin, end)
+    if not begin < end:
         return NO_DISC
-    while True:
-        t -= math.log1p(-uniform(states, i)) / most
-        if t >= end:
-            return NO_DISC
-        x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
-        rho = share * relative_density(region, x, y, z, scratch)
-        if rho <= 0:
-            continue
-        if collides(sigma, rho, most, weight, states, i):
-            distance[i], point[i, 0], point[i, 1], point[i, 2] = t, x, y, z
-            return len(medium.albedo) - 1
+    t = collision(region, medium.sigma_t, share, ray, (begin, end), paths.throughput, paths.states, i, scratch)
+    if not t < end:
+        return NO_DISC
+    distance[i] = t
+    for k in range(3):
+        point[i, k] = ray[k] + t * ray[3 + k]
+    return len(medium.albedo) - 1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -192,34 +174,14 @@ def transmit(medium, ways, share, begin, end):
 def _through_continuum(medium, others, ray, span, states, i, passed, scratch):
     """Multiplies passed (L,) by what a share of the continuous medium leaves of light on a span of a ray, or its estimate."""
     sigma, region = medium.sigma_t, medium.discs.region
-    ox, oy, oz, dx, dy, dz = ray
-    t, end = through_box(region, ray, span[0], span[1])
-    if not t < end:
+    begin, end = through_box(region, ray, span[0], span[1])
+    if not begin < end:
         return
     if region.kind == 0:
         for w in range(len(passed)):
-            passed[w] *= math.exp(-others * sigma[w] * (end - t))
+            passed[w] *= math.exp(-others * sigma[w] * (end - begin))
         return
-    most = sigma.max()
-    while most > 0:
-        t -= math.log1p(-uniform(states, i)) / most
-        if t >= end:
-            return
-        rho = others * relative_density(region, ox + t * dx, oy + t * dy, oz + t * dz, scratch)
-        if not lessened(passed, sigma, rho, most, states, i):
-            return
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def mixture(scatterer, kind, weight, i, v, values):
-    """Mean (1/sr) of the phase functions, by what they scatter, at an angle of 1 - cos = v; values (L,) become each of them."""
-    total, mean = 0.0, 0.0
-    for w in range(len(values)):
-        values[w] = phase_value(scatterer.v, scatterer.steps, scatterer.phase[kind, w], v)
-        likely = weight[i, w] * scatterer.albedo[kind, w]
-        total += likely
-        mean += likely * values[w]
-    return mean / total if total > 0 else 0.0
+    dimmed(region, sigma, others, ray, (begin, end), passed, states, i, scratch)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -233,22 +195,12 @@ def scatter(scatterer, kind, paths, guide, begin, end):
     weight, states, direction, density = paths.throughput, paths.states, paths.direction, paths.density
     values = np.empty(weight.shape[1])
     for i in range(begin, end):
-        total = 0.0
-        for w in range(weight.shape[1]):
-            total += weight[i, w] * scatterer.albedo[kind[i], w]
-        if not total > 0:
+        first = kind[i] * weight.shape[1]
+        v = angle(scatterer, first, weight, states, i)
+        if v < 0.0:
             density[i] = 0.0
             weight[i] = 0.0
             continue
-        chosen, below = uniform(states, i) * total, 0.0
-        wavelength = weight.shape[1] - 1
-        for w in range(weight.shape[1]):
-            below += weight[i, w] * scatterer.albedo[kind[i], w]
-            if chosen < below:
-                wavelength = w
-                break
-        v = phase_sample(scatterer.v, scatterer.steps, scatterer.phase[kind[i], wavelength], scatterer.cdf[kind[i], wavelength],
-                         uniform(states, i))
         turn = 2 * math.pi * uniform(states, i)
         ox, oy, oz = direction[i, 0], direction[i, 1], direction[i, 2]
         if guide.used[i] and uniform(states, i) < 0.5:
@@ -256,9 +208,9 @@ def scatter(scatterer, kind, paths, guide, begin, end):
             v = _turn(x, y, z, ox, oy, oz)
         else:
             x, y, z = turned_direction(ox, oy, oz, v, turn)
-        density[i] = drawn(scatterer, kind[i], weight, guide, i, (x, y, z), v, values)
+        density[i] = drawn(scatterer, first, weight, guide, i, (x, y, z), v, values)
         for w in range(weight.shape[1]):
-            weight[i, w] *= scatterer.albedo[kind[i], w] * values[w] / density[i] if density[i] > 0 else 0.0
+            weight[i, w] *= scatterer.albedo[first + w] * values[w] / density[i] if density[i] > 0 else 0.0
         direction[i, 0], direction[i, 1], direction[i, 2] = x, y, z
 
 
@@ -269,14 +221,14 @@ def _turn(x, y, z, ux, uy, uz):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def drawn(scatterer, kind, weight, guide, i, towards, v, values):
-    """Density (1/sr) with which `scatter` takes direction `towards`, 1 - cos = v off the path's; see `mixture`."""
+def drawn(scatterer, first, weight, guide, i, towards, v, values):
+    """Density (1/sr) with which `scatter` takes direction `towards`, 1 - cos = v off the path's; see `mean_phase`."""
     about = 0.0
     if guide.used[i]:
         x, y, z = towards
         off = _turn(x, y, z, guide.direction[i, 0], guide.direction[i, 1], guide.direction[i, 2])
-        about = mixture(scatterer, kind, weight, i, off, values)
-    ahead = mixture(scatterer, kind, weight, i, v, values)
+        about = mean_phase(scatterer, first, weight, i, off, values)
+    ahead = mean_phase(scatterer, first, weight, i, v, values)
     return 0.5 * (ahead + about) if guide.used[i] else ahead
 
 
@@ -298,10 +250,10 @@ def light(scatterer, kind, paths, guide, share, sample, added, begin, end):
             continue
         lx, ly, lz = np.float64(sample.direction[i, 0]), np.float64(sample.direction[i, 1]), np.float64(sample.direction[i, 2])
         v = _turn(lx, ly, lz, paths.direction[i, 0], paths.direction[i, 1], paths.direction[i, 2])
-        chance = guide.followed * drawn(scatterer, kind[i], paths.throughput, guide, i, (lx, ly, lz), v, values)
+        chance = guide.followed * drawn(scatterer, kind[i] * waves, paths.throughput, guide, i, (lx, ly, lz), v, values)
         balance = 1.0 if sample.delta[i] else sample.density[i] / (sample.density[i] + chance)
         for w in range(waves):
-            values[w] *= scatterer.albedo[kind[i], w] * balance
+            values[w] *= scatterer.albedo[kind[i] * waves + w] * balance
             values[w] *= paths.throughput[i, w]
             values[w] *= share[i, w]
         to_rgb(scatterer, values, radiance[i], added[i])

@@ -156,8 +156,8 @@ def _moments(scatterer, classes, share, at, mean, variance, begin, end):
             bright, free, reach = 0.0, 0.0, 0.0
             for w in range(waves):
                 size = math.pi * square[k, w]
-                value = phase_value(scatterer.v, scatterer.steps, scatterer.phase[k, w], v[i])
-                bright += share[w] * size * scatterer.albedo[k, w] * value * light[i, w]
+                value = phase_value(scatterer.v, scatterer.steps, scatterer.phase[k * waves + w], v[i])
+                bright += share[w] * size * scatterer.albedo[k * waves + w] * value * light[i, w]
                 free += share[w] * passed[i, w] * arrives[i, w]
                 reach = max(reach, size)
             over = max(area[i], reach)

@@ -13,7 +13,10 @@ _HALF = 0.5  # of a pixel, within which a peak counts as unscattered
 
 
 class Scatterer(NamedTuple):
-    """What kernels of scatterings read of a `Medium`: taking each array of a record apart takes 10 ms of compiling a kernel."""
+    """What kernels of scatterings read of a `Medium`: taking each array of a record apart takes 10 ms of compiling a kernel.
+
+    albedo, phase, cdf : rows of all wavelengths of a class after those of the class before, as `scattering.mean_phase` has them
+    """
 
     albedo: np.ndarray
     v: np.ndarray
@@ -56,7 +59,8 @@ class Medium(NamedTuple):
     @property
     def scatterer(self) -> Scatterer:
         """Without where particles are."""
-        return Scatterer(*(getattr(self, name) for name in Scatterer._fields))
+        tables = (table.reshape(-1, len(self.v)) for table in (self.phase, self.cdf))
+        return Scatterer(self.albedo.ravel(), self.v, self.steps, *tables, self.to_rgb, self.to_waves)
 
 
 class Classes(NamedTuple):

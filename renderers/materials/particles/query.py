@@ -27,6 +27,7 @@ from bakery.system.compiled import njit
 from renderers.materials.particles import _transport
 from renderers.threads import run
 from renderers.transport import wavefront
+from renderers.transport.scattering import ray_of
 
 _IN_SPHERE = 4096  # particles of one query at most
 # on average: 8 standard deviations below that.  Time goes with their square, as a ray looks for each of its particles anew: dust
@@ -94,7 +95,7 @@ def _distance(medium, cylinder, paths, far, kind, distance, point, begin, end):
     mesh_room, passed = mesh_scratch(), np.empty(weight.shape[1])
     region, most = medium.discs.region, medium.sigma_t.max()
     for i in range(begin, end):
-        ray = _transport.ray_of(paths.origin, paths.direction, i)
+        ray = ray_of(paths.origin, paths.direction, i)
         near, leave = _transport.through_box(region, ray, 0.0, far[i])
         t = near - math.log1p(-wavefront.uniform(paths.states, i)) / most if most > 0 else np.inf
         if near < leave and t < leave:

@@ -241,7 +241,7 @@ def _add(world, discs, view, chunk, discrete, streams, by_order, by_light):
     _let_through(medium, chances[0], ways, share)
     pencils.throughput[:] *= share
     seen = np.flatnonzero((pencils.throughput > 0).any(axis=1))
-    _light(world, discs, view, (kind[seen], points[seen]), pencils.of(seen), chances[1][seen], by_order[1], by_light)
+    _light(world, discs, view, (kind[seen], points[seen]), pencils.of(seen), chances[1][seen], by_order, by_light)
 
 
 def _ways(states, origin, direction, distance, left_out) -> Ways:
@@ -262,9 +262,8 @@ def _let_through(medium, chance, ways, share, factor=1.0):
     share[traced] = passed
 
 
-def _light(world, discs, view, particles, pencils, chance, picture, by_light):
-    """Adds what lights send by way of particles that are seen, class (n,) and place (n, 3) m, to the picture (pixels, 3), and by
-    light."""
+def _light(world, discs, view, particles, pencils, chance, by_order, by_light):
+    """Adds what lights send by way of particles that are seen, class (n,) and place (n, 3) m, to the sums."""
     (medium, plan), m = discs, len(pencils.pixel)
     if not m:
         return
@@ -276,7 +275,7 @@ def _light(world, discs, view, particles, pencils, chance, picture, by_light):
             samples.append((chosen, _followed(world, medium, particles, pencils, chosen)))
         for rows, sample in samples:
             seen = [values[rows] for values in particles]
-            _arrives(medium, view, seen, pencils.of(rows), chance[rows], sample, picture, by_light)
+            _arrives(medium, view, seen, pencils.of(rows), chance[rows], sample, by_order, by_light)
 
 
 def _followed(world, medium, particles, pencils, chosen) -> LightSample:
@@ -297,7 +296,7 @@ def _followed(world, medium, particles, pencils, chosen) -> LightSample:
                        ~none, shading.source)
 
 
-def _arrives(medium, view, particles, pencils, chance, sample, picture, by_light):
+def _arrives(medium, view, particles, pencils, chance, sample, by_order, by_light):
     """Adds what one place on a light sends by way of each particle."""
     (kind, centre), n = particles, len(chance)
     towards, distance, factor = sample.direction.astype(float), sample.distance.astype(float), 1.0
@@ -309,7 +308,7 @@ def _arrives(medium, view, particles, pencils, chance, sample, picture, by_light
     added, guide = np.empty((n, 3)), Guide(pencils.direction, np.zeros(n, bool), _FOLLOWED)
     walk = Walk(centre, pencils.direction, pencils.throughput, pencils.states, centre, np.empty(n))
     run(_transport.light, n, medium.scatterer, kind, walk, guide, share, sample, added)
-    _sum(added, pencils.pixel, sample.light, picture, by_light)
+    wavefront.accumulate(added, np.ones(n, np.int64), sample.light, pencils.pixel, by_order, by_light)
 
 
 def _chances(medium, plan, view, pencils, numbers):
@@ -320,15 +319,6 @@ def _chances(medium, plan, view, pencils, numbers):
     typical = float(np.sum(medium.density * area**2) / max(float(np.sum(medium.density * area)), 1e-300))
     pixel = pencils.far**2 * view.area * (pencils.direction @ view.axis) ** 3
     return np.ascontiguousarray(np.where(pixel > _TOGETHER * typical, numbers.T, np.nan))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _sum(added, pixel, index, picture, by_light):
-    for i in range(len(pixel)):
-        for c in range(3):
-            picture[pixel[i], c] += added[i, c]
-            if 0 <= index[i] < len(by_light):
-                by_light[index[i], pixel[i], c] += added[i, c]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
