@@ -31,7 +31,7 @@ from renderers.mitsuba.scene import load
 from renderers.mitsuba.sensor import camera_of
 from renderers.mitsuba.shading import FAR, LOBE, LightSample, Shading
 
-_SMALL, _LOOKS = math.pi * math.radians(2.0) ** 2, 4181  # sr, of lamps that rays meet seldom;  light samples that tell of them
+_SMALL = math.pi * math.radians(2.0) ** 2  # sr, of lamps that rays meet seldom
 SIZE = (480, 640)  # (height, width) of pictures of scenes without a Mitsuba file
 
 
@@ -287,14 +287,12 @@ class World:
     @cached_property
     def _looked(self):
         """Light (n,) of light samples at the point where lamps are told from each other, and the samples."""
-        index = np.arange(_LOOKS)
-        evenly = np.stack([(index + 0.5) / _LOOKS, index * (math.sqrt(5) - 1) / 2 % 1], axis=1)  # a Fibonacci lattice
         boxes = [shape.bbox() for shape in self.scene.shapes() if not shape.is_emitter()]
         corners = np.array([[box.min, box.max] for box in boxes], float).reshape(-1, 2, 3)
         middle = np.zeros(3) if self.camera is None else self.camera.origin
         if boxes:
             middle = self.unit * (corners[:, 0].min(axis=0) + corners[:, 1].max(axis=0)) / 2
-        sample = self.lights(np.tile(middle, (_LOOKS, 1)), evenly, hidden=False)
+        sample = self.lights(np.tile(middle, (len(lights.LATTICE), 1)), lights.LATTICE, hidden=False)
         return sample.radiance.sum(axis=1).astype(float), sample
 
     @property
