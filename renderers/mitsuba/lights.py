@@ -1,11 +1,16 @@
 """The emitters of a Mitsuba scene: their names, whether any shines, and what no renderer can make a picture of."""
 
+import math
+
 import mitsuba as mi
 import numpy as np
 
 from bakery.errors import UsageError
 
 DARK = "nothing in the scene shines: its picture is black"  # what is said of such a scene
+_LOOKS = 4181  # light samples that tell of lights, by a Fibonacci lattice
+LATTICE = np.stack([(np.arange(_LOOKS) + 0.5) / _LOOKS, np.arange(_LOOKS) * (math.sqrt(5) - 1) / 2 % 1], axis=1)
+_EVENLY = 0.25  # samples that go to all lights alike, over those that go by what lights bring: some bring more elsewhere
 # parameters by which an emitter's light goes, before the dot of `.value`, `.data` and the like
 _STRENGTHS = ("radiance", "intensity", "irradiance", "data", "scale", "texture")
 
@@ -32,6 +37,24 @@ def shines(emitter) -> bool:
 def dark(scene) -> bool:
     """Whether nothing shines in a scene of Mitsuba."""
     return not any(map(shines, scene.emitters()))
+
+
+def favour(world, point) -> None:
+    """Has a `world.World` draw its lights about as often as goes with what they bring to points (n, 3) m, unless its file weighs
+    them itself: half of all samples went to a sky that brings next to nothing beside a bulb."""
+    emitters = world.scene.emitters()
+    if len(emitters) < 2 or any(emitter.sampling_weight() != 1 for emitter in emitters):
+        return
+    # in the other order of its numbers those of one point are far apart
+    sample = world.lights(point[np.arange(len(LATTICE)) * len(point) // len(LATTICE)], LATTICE[:, ::-1])
+    brought = np.bincount(np.maximum(sample.light, 0), sample.radiance.sum(axis=1), len(emitters))
+    if not brought.sum() > 0:
+        return
+    for emitter, share in zip(emitters, brought / brought.sum(), strict=True):
+        parameters = mi.traverse(emitter)
+        parameters["sampling_weight"] = float(share + _EVENLY / len(emitters))
+        parameters.update()
+    world.scene.parameters_changed()
 
 
 def refuse(path, scene) -> None:

@@ -31,7 +31,7 @@ from renderers.mitsuba.scene import load
 from renderers.mitsuba.sensor import camera_of
 from renderers.mitsuba.shading import FAR, LOBE, LightSample, Shading
 
-_SMALL, _LOOKS = math.pi * math.radians(2.0) ** 2, 4181  # sr, of lamps that rays meet seldom;  light samples that tell of them
+_SMALL = math.pi * math.radians(2.0) ** 2  # sr, of lamps that rays meet seldom
 SIZE = (480, 640)  # (height, width) of pictures of scenes without a Mitsuba file
 
 
@@ -273,16 +273,27 @@ class World:
     def small_share(self) -> float:
         """Share of the light, 0 to 1, that comes from lamps of some degrees and less, by how dense light samples are there: right
         within some per cent, at the middle of the surfaces that do not shine, or at the camera; 0 in the dark."""
-        index = np.arange(_LOOKS)
-        evenly = np.stack([(index + 0.5) / _LOOKS, index * (math.sqrt(5) - 1) / 2 % 1], axis=1)  # a Fibonacci lattice
+        light, sample = self._looked
+        return float(np.sum(light * sample.share(1 / _SMALL)) / max(light.sum(), 1e-300))
+
+    @cached_property
+    def noise_by_chance(self) -> float:
+        """Root mean square over the mean of the light, at the same point, that directions bring which are even over the sphere:
+        1 under an even sky, 2/r times their share of all light for lamps of a half angle r, inf without extent, 0 in the dark."""
+        light, sample = self._looked
+        square = np.where(light > 0, light**2 * np.where(sample.delta, np.inf, sample.density), 0.0)
+        return math.sqrt(4 * math.pi * float(np.mean(square))) / max(float(np.mean(light)), 1e-300)
+
+    @cached_property
+    def _looked(self):
+        """Light (n,) of light samples at the point where lamps are told from each other, and the samples."""
         boxes = [shape.bbox() for shape in self.scene.shapes() if not shape.is_emitter()]
         corners = np.array([[box.min, box.max] for box in boxes], float).reshape(-1, 2, 3)
         middle = np.zeros(3) if self.camera is None else self.camera.origin
         if boxes:
             middle = self.unit * (corners[:, 0].min(axis=0) + corners[:, 1].max(axis=0)) / 2
-        sample = self.lights(np.tile(middle, (_LOOKS, 1)), evenly, hidden=False)
-        light = sample.radiance.sum(axis=1).astype(float)
-        return float(np.sum(light * sample.share(1 / _SMALL)) / max(light.sum(), 1e-300))
+        sample = self.lights(np.tile(middle, (len(lights.LATTICE), 1)), lights.LATTICE, hidden=False)
+        return sample.radiance.sum(axis=1).astype(float), sample
 
     @property
     def sky(self) -> bool:

@@ -206,7 +206,9 @@ def _held(seen, filtered, variance):
     pixel or of its neighbourhood, as a peak makes value and variance large together, and what no path has reached has neither.
     Where light is found so seldom that all pixels near miss it, mean and noise of a wider neighbourhood would do: bounds of 0
     left black specks in bodies that few paths through their glass light up, and those of the pixels near left dark squares in a
-    snowball beside a bulb, where one pixel in ten had met it.  Not so where pixels have little noise, as flames beside wax.
+    snowball beside a bulb, where one pixel in ten had met it.  The wider mean has dark ground in it, too, so the mean of those
+    around counts as well, as far as their noise tells it: else notches were left.  Not so where pixels have little noise, as
+    flames beside wax.
     """
     from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 
@@ -216,6 +218,8 @@ def _held(seen, filtered, variance):
         around, wider = (_AROUND, _AROUND, 1), (_WIDER, _WIDER, 1)
         usual, further = (np.maximum(uniform_filter(variance, side, mode="nearest"), 0.0) for side in (around, wider))
         noisy = usual >= (_NOISY * maximum_filter(seen, around, mode="nearest")) ** 2  # black pixels are, too
+        mean = uniform_filter(seen, around, mode="nearest") + _ALLOWED / _AROUND * np.sqrt(usual)
+        highest = np.where(noisy, np.maximum(highest, mean), highest)
         usual = np.where(noisy, np.maximum(usual, further), usual)
         allowed = _ALLOWED * np.sqrt(np.maximum(variance, usual))
         level = uniform_filter(seen, wider, mode="nearest")

@@ -104,10 +104,13 @@ LIGHTS = {"sun": '<emitter type="sunsky"><vector name="sun_direction" value="0.5
                   '<emitter type="area"/></shape>'}
 
 
-@pytest.mark.parametrize("lights, least, most", [(["sun"], 0.5, 0.9), (["sky"], 0.0, 1e-3), (["window"], 0.0, 0.02),
-                                                 (["bulb"], 0.7, 1.0), (["bulb", "sky"], 0.0, 1e-3), ([], 0.0, 0.0)])
-def test_how_much_light_is_of_small_lamps(tmp_path, lights, least, most):
-    """Of the sun and its sky most, of a bulb all but what is wider than a degree; of a bulb in a bright room next to nothing."""
+@pytest.mark.parametrize("lights, least, most, noise", [
+    (["sun"], 0.5, 0.9, 267), (["sky"], 0.0, 1e-3, 1), (["window"], 0.0, 0.02, 7.3), (["bulb"], 0.7, 1.0, 180),
+    (["bulb", "sky"], 0.0, 1e-3, 1), ([], 0.0, 0.0, 0)])
+def test_how_much_light_is_of_small_lamps(tmp_path, lights, least, most, noise):
+    """Of the sun and its sky most, of a bulb all but what is wider than a degree; of a bulb in a bright room next to nothing.  By
+    chance a bulb of 0.1 nine away has a noise of 2 * 9 / 0.1, a window of 0.22 sr of 7.5, a sky of 1."""
     (tmp_path / "scene.xml").write_text('<scene version="3.0.0">' + "".join(LIGHTS[light] for light in lights)
                                         + '<sensor type="perspective"/></scene>')
-    assert least <= World(tmp_path / "scene.xml").small_share <= most
+    world = World(tmp_path / "scene.xml")
+    assert least <= world.small_share <= most and world.noise_by_chance == pytest.approx(noise, rel=0.15)

@@ -43,12 +43,14 @@ def test_small_lamps_may_be_wider_in_grains():
         return SimpleNamespace(grains=SimpleNamespace(exemplars={"a": SimpleNamespace(surface=surface)}))
 
     assets = [grains("diffuse"), grains("dielectric"), grains("dielectric"), None]
-    lamp, panel = (SimpleNamespace(small_share=share, without_extent=False) for share in (0.1, 0.01))
+    lamp, panel, bulb = (SimpleNamespace(small_share=share, without_extent=False, noise_by_chance=noise)
+                         for share, noise in ((0.1, 3.0), (0.01, 3.0), (0.1, 40.0)))
     sun = SimpleNamespace(small_share=0.9, without_extent=True)
     assert not wide.lacks(assets, lamp) and not wide.lacks(assets, sun)
     assert wide.lacks(assets[:2] + [assets[0], None], lamp) == wide.lacks(assets, panel) != ""
     # smooth grains beside others were rendered as if no sun shone; matt ones, and those by hand, are as they are
     assert "without extent" in listed[0].lacks(assets, sun) and not listed[0].lacks(assets, lamp)
+    assert "hardly a path" in listed[0].lacks(assets, bulb) and not wide.lacks(assets, bulb)
     assert not listed[0].lacks([assets[0], assets[1], assets[0], None], sun)
 
 

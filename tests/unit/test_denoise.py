@@ -119,6 +119,17 @@ def test_light_that_few_pixels_have_found_is_spread(any_filter, dim):
     assert np.mean(spread <= 2 * dim) < 1e-3 and np.median(spread) == pytest.approx(1.0, abs=0.1)
 
 
+def test_rare_light_beside_dark_ground_has_no_notches(any_filter):
+    """One path in ten finds nine tenths of light; where no pixel of 5 x 5 has, the mean of 25 x 25 is dark with the ground."""
+    random, truth = np.random.default_rng(1), np.where(np.arange(96)[:, None] < 24, 1.0, 0.02) * np.ones((96, 1, 3))
+    rare = np.where(random.random((96, 96, 1)) < 0.1, 9.0, 0.0) * (truth > 0.5)
+    picture = rare + np.where(truth > 0.5, 0.1, truth)
+    level = picture.mean()
+    any_filter(lambda picture: truth / level)
+    spread = denoised({"walk": (picture, with_luminance(rare**2 + 1e-4))}).rgb
+    assert np.mean(spread[:, :21] < 0.8) < 0.01 and spread[:, 40:].max() < 0.05
+
+
 def test_what_is_kept_apart_is_not_smeared(any_filter):
     """Glints to the last bit on top of the rest; with `detail`, in those pixels alone."""
     any_filter(lambda picture: np.full_like(picture, picture.mean()))

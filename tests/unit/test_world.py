@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bakery.errors import UsageError
+from renderers.mitsuba import lights
 from renderers.mitsuba.shading import FAR, met
 from renderers.mitsuba.world import World
 from tests.conftest import ROOT, slow
@@ -439,3 +440,24 @@ def test_a_lamp_that_shows_a_picture(tmp_path):
     shading = world.shade(origin, direction, np.full((3, 5), 0.5), np.zeros(3), np.ones(3, bool))
     assert np.allclose(shading.emitted, [picture[0, 4], picture[0, 12], np.zeros(3)], rtol=0.01)
     assert np.all(shading.light.radiance[2] > 0)
+
+
+@pytest.mark.parametrize("weight, drawn", [("", (0.917 + 0.125) / 1.25), ('<float name="sampling_weight" value="3"/>', 0.75)])
+def test_lights_are_drawn_by_what_they_bring(tmp_path, weight, drawn):
+    """A bulb that brings 0.917 of the light, and a sky; what they bring stays the same.  Weights of the file stay, too.  With so
+    many samples the shares are off by 0.006: no false alarm, as the numbers are always the same."""
+    (tmp_path / "scene.xml").write_text(f'''<scene version="3.0.0"><sensor type="perspective"/>
+        <shape type="sphere"><point name="center" x="0" y="0" z="9"/><float name="radius" value="0.1"/>
+        <emitter type="area"><rgb name="radiance" value="90000"/>{weight}</emitter></shape>
+        <emitter type="constant"><rgb name="radiance" value="0.25"/></emitter></scene>''')
+    world, point, random = World(tmp_path / "scene.xml"), np.zeros((4000, 3)), np.random.default_rng(0).random((4000, 2))
+
+    def brought():
+        sample = world.lights(point, random)
+        return np.mean(sample.light == 0), np.bincount(sample.light, sample.radiance[:, 0]) / len(point)
+
+    _, before = brought()
+    lights.favour(world, point[:3])
+    share, after = brought()
+    assert share == pytest.approx(drawn, abs=0.02) and after == pytest.approx(before, rel=0.08)
+    assert before[0] / before.sum() == pytest.approx(0.917, abs=0.01)

@@ -9,6 +9,7 @@ from renderers.materials.grains import bundles, far, local, material, medium, tr
 from renderers.materials.grains.declared import methods
 from renderers.materials.grains.declared.ept import LITTLE, smooth
 from renderers.materials.grains.transport import GRAINS, MEDIUM, Body, Transport
+from renderers.mitsuba import lights
 from renderers.pictures.engine import Part, layers_of
 from renderers.pictures.passes import Method
 from renderers.scene import budget
@@ -36,6 +37,7 @@ def prepare(job, world, seed) -> Method:
     """The method that a scene asks for; `job` is a `renderers.pictures.running.Render`, `world` the surfaces and lights
     around."""
     values, assets, meshes = job.scene.values, job.assets, material.meshes_of(job.scene)
+    lights.favour(world, np.concatenate([vertices for vertices, _ in meshes]))
     if any(not np.array_equal(asset.wavelength, assets[0].wavelength) for asset in assets):
         raise job.scene.wrong("materials", "the assets have different wavelengths; assets of the same ones would do")
     varies = [local.local_of(job.scene, body, asset, material.fraction_of(asset), vertices)
