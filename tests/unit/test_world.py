@@ -428,6 +428,21 @@ def test_what_light_samples_do_not_get_through_is_named(tmp_path):
     assert "(beam, unseen) is left out" in unmet
 
 
+@pytest.mark.parametrize("unit, place, scale", [(1000, (0, 0, 0), 0.001), (1, (2000, 0, 0), 1)], ids=["in km", "far away"])
+def test_shadows_lost_to_single_precision_are_named(tmp_path, unit, place, scale):
+    """Of a ball of 1 m from 3.6 m away: rays begin 9 or 18 cm beside it; not in units of 1 m near the origin."""
+    def scene(unit, place, scale):
+        view = ("{}, {}, {}".format(*(x + y for x, y in zip(place, (0, -3.6 * scale, 0)))), "{}, {}, {}".format(*place))
+        sensor = SENSOR.replace("0.2, -3.6, 0.1", view[0]).replace('target="0, 0, 0', f'target="{view[1]}')
+        ball = f"""<shape type="sphere"><transform name="to_world"><scale value="{scale}"/>
+            <translate value="{view[1]}"/></transform></shape>"""
+        return World(written(tmp_path, sensor, ball), unit).left_out()
+
+    assert scene(1, (0, 0, 0), 1) == []
+    (told,) = scene(unit, place, scale)
+    assert f"some {0.09 if unit > 1 else 0.18} m beside surfaces" in told and "what is seen is 2." in told
+
+
 def test_a_lamp_that_shows_a_picture(tmp_path):
     """Rays that meet its left and right half, and a matt ball that it lights: a recording took no samples of such lamps."""
     import mitsuba as mi
