@@ -168,7 +168,8 @@ class Rendering:
         identity = {"scene": fingerprint(*made_of(scene)), "seed": self.seed, "size": list(world.size),
                     "asset": [asset.content_hash for asset in self.job.assets]}
         parts = in_time(self.method.parts, pace_of(self.job.scene, self.job.quality))
-        self.estimate = Estimate(parts, identity)
+        filters = denoise.chosen(scene.values, self.job.quality, "")[0]
+        self.estimate = Estimate(parts, identity, self.method.apart if filters else ())
         if resume:
             self.estimate.resume(self.job.pair[1])
         self._discoloured = discoloured(self.job.scene, self.job.assets, world)
