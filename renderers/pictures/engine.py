@@ -26,9 +26,6 @@ TRUSTED, _TRUSTED_SHARED = 4, 8
 _DARK = 32  # passes that have to be black for a picture to be so: chance may find a lamp late
 # Of the time: every part gets it, also one that found nothing yet and hence seems to be without noise.
 _SHARE = 0.05
-# Of the time, where the picture has its noise taken out: that much for parts whose noise stays.  By the noise as rendered splats
-# of snow beside a lantern got 2 passes beside 55 walks, whose rare bright samples the filter takes out, and flakes were noise
-_KEPT = 0.5
 _SECONDS = 16.0  # of passes: shorter renders have smaller ones
 ORDERS = ("order0", "order1", "order2", "orders")  # layers: light that was scattered so often; three times and more
 
@@ -139,11 +136,10 @@ class Passes:
     spent : s, of all calls of `run`
     signal : number of the signal that interrupted it, or 0
     unreached : sentences of `renderers.pictures.reached.unreached`
-    kept : names of parts whose noise stays in what is shown, where that of others is taken out
     """
 
-    def __init__(self, parts, kept=()):
-        self.parts, self.kept = tuple(parts), kept
+    def __init__(self, parts):
+        self.parts = tuple(parts)
         self.means = {part.name: Mean() for part in self.parts}
         self.stopped_by, self.unreached = None, ()
         self.signal, self.spent = 0, 0.0
@@ -253,8 +249,7 @@ class Passes:
         if unknown or not unfinished:
             return min(unknown, key=lambda candidate: candidate[0].count, default=(None, None))[1]
         spent = sum(mean.count * mean.expected for mean in means)
-        behind = [(mean, part) for mean, part in unfinished
-                  if mean.count * mean.expected < spent * (_KEPT / len(self.kept) if part.name in self.kept else _SHARE)]
+        behind = [(mean, part) for mean, part in unfinished if mean.count * mean.expected < _SHARE * spent]
         return max(behind or unfinished, key=lambda candidate: candidate[0].gain())[1]
 
     def _over(self, stop, part, noise):

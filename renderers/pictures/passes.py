@@ -40,7 +40,6 @@ class Method(NamedTuple):
     features : function of a quality, as `render` takes it, which gives the `renderers.pictures.denoise.Features` of the scene, of
         a draft by fewer rays; None: nothing does
     apart : names of parts whose detail looks like noise: they are not filtered
-    kept : of those, what is not filtered grain by grain either: the noise of these stays in what is shown
     entry : what `World.depth` takes: to what hides surfaces and is none of the Mitsuba scene; None: nothing does
     unmeasured : whether it is also off by what no comparison of methods tells
     """
@@ -52,7 +51,6 @@ class Method(NamedTuple):
     approximations: float | None = None
     features: Callable[[str | None], denoise.Features | None] | None = None
     apart: tuple[str, ...] = ()
-    kept: tuple[str, ...] = ()
     entry: Callable | None = None
     unmeasured: bool = False
 
@@ -170,8 +168,7 @@ class Rendering:
         identity = {"scene": fingerprint(*made_of(scene)), "seed": self.seed, "size": list(world.size),
                     "asset": [asset.content_hash for asset in self.job.assets]}
         parts = in_time(self.method.parts, pace_of(self.job.scene, self.job.quality))
-        filters = denoise.chosen(scene.values, self.job.quality, "")[0]
-        self.estimate = Estimate(parts, identity, self.method.kept if filters else ())
+        self.estimate = Estimate(parts, identity)
         if resume:
             self.estimate.resume(self.job.pair[1])
         self._discoloured = discoloured(self.job.scene, self.job.assets, world)

@@ -37,8 +37,8 @@ class Estimate(Passes):
         seed; not what stops them
     """
 
-    def __init__(self, parts, identity, kept=()):
-        super().__init__(parts, kept)
+    def __init__(self, parts, identity):
+        super().__init__(parts)
         self.identity = dict(identity)
 
     def layers(self) -> dict[str, np.ndarray]:

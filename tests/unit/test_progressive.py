@@ -344,15 +344,6 @@ def test_time_goes_where_the_variance_is(monkeypatch):
     assert 7 < loud / quiet < 9
 
 
-def test_a_part_whose_noise_stays_in_the_picture_gets_half_of_the_time(monkeypatch):
-    """Beside one that a filter takes the noise of, with ten thousand times the variance."""
-    clock = Clock(monkeypatch)
-    parts = [Part("walk", clock.spending(1.0, noisy(1, 100.0))), Part("splat", clock.spending(4.0, noisy(2, 1.0)))]
-    estimate = Estimate(parts, {}, kept=("splat",))
-    estimate.run(Stop(time=800.0))
-    assert 98 <= estimate.means["splat"].count <= 102
-
-
 def test_a_part_without_noise_so_far_is_not_forgotten(monkeypatch):
     clock = Clock(monkeypatch)
     dark = clock.spending(1.0, lambda _: {"": np.zeros(SHAPE)})

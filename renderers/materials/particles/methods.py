@@ -53,12 +53,10 @@ def prepare(job, world, seed, tolerance=None) -> Method:
     parts = tuple(listed if isinstance(listed, Part) else
                   Part(listed[0], _pass(*listed[1:], world, height, width, seed, everywhere, lights)) for listed in passes)
     figures = _figures(setup, depth) | {"layers": _layers(depth), "left_out": world.left_out()}
-    # without a depth particles show in all of their light
-    apart = ("walk",) if depth is None else ("splat",)
     reasons = [peak_sentence(setup.classes, angle), *filter(None, [declared.leaves_out]), *reasons, *figures["left_out"]]
     return Method(name, parts, reasons,
                   lambda estimate: figures, features=None if depth is None else lambda quality: _features(setup, seed),
-                  apart=apart, kept=apart)
+                  apart=("walk",) if depth is None else ("splat",))  # without a depth particles show in all of their light
 
 
 def _features(setup, seed):
