@@ -37,11 +37,6 @@ _MOST = 4096  # pencils to one particle in a pass
 _DENSE = 8.0  # pencils to a pixel of a disc
 _TRACED, _DRAWN = 1 << 16, 1 << 22  # particles in a pass: a second or two
 _TOGETHER = 100.0  # discs, as large as those that hide most, in a pixel where nobody can tell which one hides what
-# steps of a sequence that fills a square evenly (Roberts 2018): powers of 1 over the root of x^3 = x + 1
-_EVENLY = np.array([0.7548776662466927, 0.5698402909980532])
-# the same of choice and place of lights: the golden ratio, which shares out one number most evenly, and the root of 2; neither is
-# a rational function of those above, so that all parts of a disc get all lights
-_OF_LIGHTS = np.array([0.6180339887498949, 0.4142135623730951])
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _BLOCK, _BLOCKS = 8, 1 << 18  # cells along an edge of what is compared with the view; fewer where blocks would be few
 
@@ -228,7 +223,7 @@ def _add(world, discs, view, chunk, discrete, streams, by_order, by_light):
     wavefront.branch(states, part)
     # pencils of one particle and of all passes spread over its disc evenly
     turn = (number // plan.shares * pencils_of[who] + part)[:, None]
-    aims, places = (numbers[:, :2] + turn * _EVENLY) % 1.0, (numbers[:, 4:] + turn * _OF_LIGHTS) % 1.0
+    aims, places = (numbers[:, :2] + turn * steps.PLACES) % 1.0, (numbers[:, 4:] + turn * steps.LIGHTS) % 1.0
     pencils = Pencils(np.empty((m, 3)), np.empty(m), np.empty((m, len(medium.sigma_t))), np.empty(m, np.int64), states)
     run(_aim, m, (medium.discs.square, medium.discs.largest), view.frame, discrete.reshape(-1),
         (points, kind, pencils_of[who]), aims, pencils)
