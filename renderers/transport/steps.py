@@ -23,12 +23,16 @@ _MANY, _SHARE, _LEAST = 4096, 1 / 16, 1 / 8
 PLACES, LIGHTS = np.array([0.7548776662466927, 0.5698402909980532]), np.array([0.6180339887498949, 0.4142135623730951])
 
 
-def places(seed, number, n, first=0):
-    """(n, 2) places in pixels, of paths that are numbered from `first` on; passes share out the pixels.
+def places(seed, number, which, pixels, samples=1):
+    """(n, 2) places in pixels, which samples of a pass and those of all passes share out.
+
+    which : (n,) of the paths of a pass: pixel + pixels * sample
 
     By chance alone the edge of a white wall has a noise of 9 % after 32 passes.
     """
-    return (wavefront.uniforms(wavefront.streams(stream_key(seed, "render.places"), n, first), 2) + number * PLACES) % 1.0
+    sample, pixel = np.divmod(which, pixels)
+    begins = wavefront.uniforms(wavefront.streams(stream_key(seed, "render.places"), pixels, 0), 2)
+    return (begins[pixel] + (number * samples + sample)[:, None] * PLACES) % 1.0
 
 
 def light_choices(size, offset):

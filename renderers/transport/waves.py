@@ -94,9 +94,9 @@ def one_pass(scene, size, number, seed, samples=1) -> Sums:
     sums = Sums(height * width, scene, total, choices)
 
     def begin(first, last):
-        pixel = np.arange(first, last) % (height * width)
+        which = np.arange(first, last)
+        pixel, places = which % (height * width), steps.places(seed, number, which, height * width, samples)
         rows = np.stack([pixel // width, pixel % width], axis=1)
-        places = steps.places(seed, number, last - first, first)
         states, origin, direction = of_camera(scene.world.camera_rays, key, first, rows, places)
         return starting(np.array(origin, float), np.array(direction, float), len(scene.colours.to_waves), states, pixel)
 

@@ -78,8 +78,8 @@ class Sums(steps.Sums):
     def __init__(self, choices, lights, which, samples=1):
         """choices : (pixels,) uniform numbers, far apart where pixels are near, that choose among the lights at first surfaces"""
         pixels = len(choices)
-        self.pixels, self.samples, self.which, self._choices = pixels, samples, which, choices
-        super().__init__(pixels, lights, pixels * samples)
+        self.pixels, self.samples, self.which = pixels, samples, which
+        super().__init__(pixels, lights, pixels * samples, choices)
         self.by_technique, self.switched = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((pixels, 3))
 
     def add(self, paths, light, added):
