@@ -47,6 +47,7 @@ STREAMS = {
     "render.splat": Stream(0x7273706C, ("pass", "chunk")),
     "render.aims": Stream(0x7261696D, ()),
     "render.places": Stream(0x72706C63, ()),
+    "render.choices": Stream(0x7263686F, ()),
     "render.blocks": Stream(0x72626C6B, ()),
     "render.detail": Stream(0x72646574, ()),
     "render.depths": Stream(0x72647074, ()),

@@ -43,7 +43,7 @@ def light_choices(size, offset):
 
 def shared_choices(size, seed, number):
     """`light_choices` that passes share out."""
-    return light_choices(size, int(stream_key(seed, "render.places")) / 2**64 + number * LIGHTS[0])
+    return light_choices(size, int(stream_key(seed, "render.choices")) / 2**64 + number * LIGHTS[0])
 
 
 class Sums:
