@@ -46,6 +46,8 @@ STREAMS = {
     "render.mitsuba": Stream(0x726D6974, ("pass",)),
     "render.splat": Stream(0x7273706C, ("pass", "chunk")),
     "render.aims": Stream(0x7261696D, ()),
+    "render.places": Stream(0x72706C63, ()),
+    "render.choices": Stream(0x7263686F, ()),
     "render.blocks": Stream(0x72626C6B, ()),
     "render.detail": Stream(0x72646574, ()),
     "render.depths": Stream(0x72647074, ()),

@@ -156,14 +156,15 @@ def joined(parts):
         None if fields[0] is None else np.concatenate(fields) for fields in zip(*filled)))
 
 
-def of_camera(rays, key, first, pixel):
-    """Random streams (n,), origins (n, 3) m and directions (n, 3) of the camera's paths, at any places in their pixels.
+def of_camera(rays, key, first, pixel, places=None):
+    """Random streams (n,), origins (n, 3) m and directions (n, 3) of the camera's paths.
 
     rays : of offsets (n, 2) in pixels (n, 2), as `Camera.rays_at` or `World.camera_rays`, which takes rows and columns
     key : uint64, of `bakery.kernels.stream_key`;  first : number of the first path
+    places : (n, 2) in their pixels, as of `renderers.transport.steps.places`; by chance if None
     """
     states = wavefront.streams(key, len(pixel), first)
-    return states, *rays(wavefront.uniforms(states, 2), pixel)
+    return states, *rays(wavefront.uniforms(states, 2) if places is None else places, pixel)
 
 
 def follow(total, together, begin, step):

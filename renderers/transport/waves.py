@@ -71,8 +71,8 @@ class Sums(steps.Sums):
     first : (materials, pixels) paths that each material was the first to scatter
     """
 
-    def __init__(self, pixels, scene, paths):
-        super().__init__(pixels, len(scene.world.light_names), paths)
+    def __init__(self, pixels, scene, paths, choices):
+        super().__init__(pixels, len(scene.world.light_names), paths, choices)
         self.first = np.zeros((len(scene.materials), pixels))
 
     def scattered_by(self, paths, number):
@@ -89,12 +89,15 @@ def one_pass(scene, size, number, seed, samples=1) -> Sums:
     """
     height, width = size
     key, total = stream_key(seed, "render.mixed", number), samples * height * width
-    sums = Sums(height * width, scene, total)
+    # several samples of a pixel draw their own: they do not know which ones they are
+    choices = steps.shared_choices(size, seed, number) if samples == 1 else None
+    sums = Sums(height * width, scene, total, choices)
 
     def begin(first, last):
-        pixel = np.arange(first, last) % (height * width)
+        which = np.arange(first, last)
+        pixel, places = which % (height * width), steps.places(seed, number, which, height * width, samples)
         rows = np.stack([pixel // width, pixel % width], axis=1)
-        states, origin, direction = of_camera(scene.world.camera_rays, key, first, rows)
+        states, origin, direction = of_camera(scene.world.camera_rays, key, first, rows, places)
         return starting(np.array(origin, float), np.array(direction, float), len(scene.colours.to_waves), states, pixel)
 
     follow(total, steps.ALL, begin, lambda paths: step(scene, paths, sums))

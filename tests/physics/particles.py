@@ -97,8 +97,10 @@ class Sky:
 
     def lights(self, point, random, *, hidden=True):
         n, random = len(point), np.asarray(random)
-        delta = random[:, 2] < self._chance
-        z, turn = 2 * random[:, 0] - 1, 2 * math.pi * random[:, 1]
+        delta = random[:, 0] < self._chance
+        # as Mitsuba: one number chooses a light, and what is left of it a place there
+        place = np.where(delta, 0.5, (random[:, 0] - self._chance) / max(1 - self._chance, 1e-30))
+        z, turn = 2 * place - 1, 2 * math.pi * random[:, 1]
         sine = np.sqrt(1 - z * z)
         direction = np.stack([sine * np.cos(turn), sine * np.sin(turn), z], axis=1)
         density = np.full(n, (1 - self._chance) / (4 * math.pi))

@@ -99,6 +99,25 @@ def test_shares_are_the_whole():
 
 
 @pytest.mark.slow
+class OneOfThree(Lamp):
+    """Of three lamps in one place, each with a third of the light, one is drawn, and two are dark."""
+
+    extended = False
+
+    def lights(self, point, random, *, hidden=True):
+        sample = super().lights(point, random, hidden=hidden)
+        return sample._replace(radiance=sample.radiance * (3.0 * (random[:, 0] < 1 / 3))[:, None])
+
+
+def test_passes_share_out_the_lights():
+    """Each particle has its lamp in 5 or 6 of 16 passes.  By chance alone the mean of these would vary as a 16th of one pass."""
+    world, size, medium = OneOfThree((0.5, -3.0, 1.5)), (8, 8), hashed(of_depth(0.1, 300))
+    pictures = np.array([passes(splat.one_pass, world, medium, camera(size, fov=22), size, range(16), seed=seed, order=1)[..., 0]
+                         for seed in range(12)])
+    of_one, of_mean = pictures[:, 0].var(axis=0, ddof=1).mean(), pictures.mean(axis=1).var(axis=0, ddof=1).mean()
+    assert of_mean < of_one / 60
+
+
 def test_a_camera_on_a_particle():
     """Its disc is in no pencil's way; from a hair behind it, it is all that is seen."""
     kinds, place, kind = few()
@@ -213,7 +232,7 @@ def test_the_host_absorbs():
             far = np.inf if how is splat else 0.0
             made.append(passes(how.one_pass, lamp, what, view, size, [seed], order=1, discrete=far).mean())
         mean, error = averaged(made)
-        assert error < 0.15 * expected and abs(mean - expected) < sigmas(12) * error
+        assert error < 0.2 * expected and abs(mean - expected) < sigmas(12) * error
         assert how is walk or error < 0.03 * expected
     unscattered = passes(walk.one_pass, Sky(above=1.0, below=1.0), walk.Discs(hashed(of_depth(1e-6, 50, host=0.7))), view, size,
                          range(4)).mean(axis=(0, 3))

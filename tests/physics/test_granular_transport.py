@@ -13,6 +13,7 @@ from renderers.materials.grains import bundles, material, medium, methods, paths
 from renderers.materials.grains._medium import Medium
 from renderers.materials.grains._paths import PASSES
 from renderers.pictures import engine
+from renderers.transport.steps import light_choices
 from tests.odds import ODDS, SIGMAS, sigmas
 from tests.physics.particles import THETA, Sky, blocks, camera, henyey_greenstein, same
 from tests.physics.test_aggregate import CUBE, tile
@@ -110,7 +111,7 @@ def test_lights_are_shared_out_among_samples_and_neighbours():
     begun = paths.starting(np.zeros((len(pixel), 3)), np.ones((len(pixel), 3)), 3, np.zeros(len(pixel), np.uint64), pixel, 0)
     numbers = np.empty((passes, samples, *size))
     for number in range(passes):
-        choices = transport._light_choices(size, kernels.stream_key(1, "render.grains", 0, number))
+        choices = light_choices(size, int(kernels.stream_key(1, "render.grains", 0, number)) / 2**64)
         numbers[number] = transport.Sums(choices, 0, transport.ALL, samples).light_choices(begun).reshape(samples, *size)
     assert numbers.min() >= 0 and numbers.max() < 1
     second = numbers >= 0.5

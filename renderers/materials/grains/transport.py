@@ -26,7 +26,6 @@ from renderers.transport.paths import Colours, follow, joined, of_camera
 # Where a share goes on, steps after which paths end with a chance of one over them: a step takes milliseconds for however few
 # paths.  The light after the switch of the snowman, 320 x 240: 0.62 of the time and 1.08 times the variance
 _STEPS = 16
-_APART = 0.7548776662466927, 0.5698402909980532  # 1/p and 1/p^2 of the plastic number p, p^3 = p + 1
 ALL, BEFORE, AFTER = range(3)  # which light a pass brings: all, that before the switch, that after it
 
 
@@ -79,8 +78,8 @@ class Sums(steps.Sums):
     def __init__(self, choices, lights, which, samples=1):
         """choices : (pixels,) uniform numbers, far apart where pixels are near, that choose among the lights at first surfaces"""
         pixels = len(choices)
-        self.pixels, self.samples, self.which, self._choices = pixels, samples, which, choices
-        super().__init__(pixels, lights, pixels * samples)
+        self.pixels, self.samples, self.which = pixels, samples, which
+        super().__init__(pixels, lights, pixels * samples, choices)
         self.by_technique, self.switched = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((pixels, 3))
 
     def add(self, paths, light, added):
@@ -120,7 +119,7 @@ def one_pass(world, transport, camera, size, number, seed, which=ALL, corners=No
     height, width = size
     order = bundles.by_bundle(height, width, samples)
     key = stream_key(seed, "render.grains", which, number)
-    sums = Sums(_light_choices(size, key), len(world.light_names), which, samples)
+    sums = Sums(steps.light_choices(size, int(key) / 2**64), len(world.light_names), which, samples)
     if corners is None:
         corners = np.stack([np.arange(height * width) % width, np.arange(height * width) // width], axis=1)
     taken = 0  # steps since paths were added
@@ -148,13 +147,6 @@ def one_pass(world, transport, camera, size, number, seed, which=ALL, corners=No
     follow(len(order), steps.ALL, begin, step)
     sums.average()
     return sums
-
-
-def _light_choices(size, key):
-    """(pixels,) numbers of a pass in [0, 1), by the additive recurrence of the plastic number in two dimensions (Roberts 2018): a
-    random one, and from pixel to pixel as much more as leaves those near apart; key : of the pass."""
-    down, right = np.indices(size)
-    return (int(key) / 2**64 + _APART[0] * right + _APART[1] * down).ravel() % 1
 
 
 def _begin(transport, camera, corners, pixel, key, first):

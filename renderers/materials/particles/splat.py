@@ -37,8 +37,6 @@ _MOST = 4096  # pencils to one particle in a pass
 _DENSE = 8.0  # pencils to a pixel of a disc
 _TRACED, _DRAWN = 1 << 16, 1 << 22  # particles in a pass: a second or two
 _TOGETHER = 100.0  # discs, as large as those that hide most, in a pixel where nobody can tell which one hides what
-# steps of a sequence that fills a square evenly (Roberts 2018): powers of 1 over the root of x^3 = x + 1
-_EVENLY = np.array([0.7548776662466927, 0.5698402909980532])
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _BLOCK, _BLOCKS = 8, 1 << 18  # cells along an edge of what is compared with the view; fewer where blocks would be few
 
@@ -49,12 +47,10 @@ class Plan(NamedTuple):
     shares : passes that make up a sum over all particles; each takes every so many a block of cells, for as many
     drawn : whether particles that cannot be told apart are hidden by chance, as often as the mean medium hides them, rather than
         by the discs of others; of the same mean and variance, and many times quicker
-    samples : places on lights for each pencil
     """
 
     shares: int = 1
     drawn: bool = False
-    samples: int = 1
 
 
 def plan(medium, camera, height, width, depth, drawn) -> Plan:
@@ -217,7 +213,7 @@ def _add(world, discs, view, chunk, discrete, streams, by_order, by_light):
     """Adds the particles of one chunk to the picture; `streams` are (seed, pass, chunk)."""
     (medium, plan), n = discs, len(chunk.kind)
     seed, number, serial = streams
-    numbers = wavefront.uniforms(chunk.identity ^ stream_key(seed, "render.aims"), 4)  # the same in all passes
+    numbers = wavefront.uniforms(chunk.identity ^ stream_key(seed, "render.aims"), 6)  # the same in all passes
     states, pencils_of = wavefront.streams(stream_key(seed, "render.splat", number, serial), n), np.empty(n, np.int64)
     run(_pencils, n, medium.discs.largest, view.origin, view.area, view.axis, chunk.place, chunk.kind, pencils_of)
     who = np.repeat(np.arange(n), pencils_of)
@@ -226,7 +222,8 @@ def _add(world, discs, view, chunk, discrete, streams, by_order, by_light):
     states = states[who]
     wavefront.branch(states, part)
     # pencils of one particle and of all passes spread over its disc evenly
-    aims = (numbers[:, :2] + (number // plan.shares * pencils_of[who] + part)[:, None] * _EVENLY) % 1.0
+    turn = (number // plan.shares * pencils_of[who] + part)[:, None]
+    aims, places = (numbers[:, :2] + turn * steps.PLACES) % 1.0, (numbers[:, 4:] + turn * steps.LIGHTS) % 1.0
     pencils = Pencils(np.empty((m, 3)), np.empty(m), np.empty((m, len(medium.sigma_t))), np.empty(m, np.int64), states)
     run(_aim, m, (medium.discs.square, medium.discs.largest), view.frame, discrete.reshape(-1),
         (points, kind, pencils_of[who]), aims, pencils)
@@ -234,14 +231,14 @@ def _add(world, discs, view, chunk, discrete, streams, by_order, by_light):
     if len(kept):
         far = world.trace(np.tile(view.origin, (len(kept), 1)), pencils.direction[kept], pencils.far[kept])
         kept = kept[~np.isfinite(far)]
-    points, kind, numbers, pencils = points[kept], kind[kept], numbers[kept], pencils.of(kept)
-    chances = _chances(medium, plan, view, pencils, numbers[:, 2:])
+    points, kind, places, pencils = points[kept], kind[kept], places[kept], pencils.of(kept)
+    chances = _chances(medium, plan, view, pencils, numbers[kept, 2:4])
     share = (pencils.throughput > 0).astype(float)
     ways = _ways(pencils.states, np.tile(view.origin, (len(kept), 1)), pencils.direction, pencils.far, points)
     _let_through(medium, chances[0], ways, share)
     pencils.throughput[:] *= share
     seen = np.flatnonzero((pencils.throughput > 0).any(axis=1))
-    _light(world, discs, view, (kind[seen], points[seen]), pencils.of(seen), chances[1][seen], by_order, by_light)
+    _light(world, discs, view, (kind[seen], points[seen]), pencils.of(seen), chances[1][seen], places[seen], by_order, by_light)
 
 
 def _ways(states, origin, direction, distance, left_out) -> Ways:
@@ -262,20 +259,19 @@ def _let_through(medium, chance, ways, share, factor=1.0):
     share[traced] = passed
 
 
-def _light(world, discs, view, particles, pencils, chance, by_order, by_light):
-    """Adds what lights send by way of particles that are seen, class (n,) and place (n, 3) m, to the sums."""
-    (medium, plan), m = discs, len(pencils.pixel)
+def _light(world, discs, view, particles, pencils, chance, places, by_order, by_light):
+    """Adds what lights send by way of particles that are seen, class (n,) and place (n, 3) m, to the sums;
+    places : (n, 2) in [0, 1), choice of a light and place on it."""
+    medium, m = discs[0], len(pencils.pixel)
     if not m:
         return
-    pencils.throughput[:] /= plan.samples
-    for _ in range(plan.samples):
-        numbers = wavefront.uniforms(pencils.states, 4)
-        samples = [(slice(None), world.lights(particles[1], numbers[:, :3]))]
-        if world.extended and len(chosen := np.flatnonzero(numbers[:, 3] < _FOLLOWED)):
-            samples.append((chosen, _followed(world, medium, particles, pencils, chosen)))
-        for rows, sample in samples:
-            seen = [values[rows] for values in particles]
-            _arrives(medium, view, seen, pencils.of(rows), chance[rows], sample, by_order, by_light)
+    samples = [(slice(None), world.lights(particles[1], places))]
+    chosen = np.flatnonzero(wavefront.uniforms(pencils.states, 1)[:, 0] < _FOLLOWED) if world.extended else ()
+    if len(chosen):
+        samples.append((chosen, _followed(world, medium, particles, pencils, chosen)))
+    for rows, sample in samples:
+        seen = [values[rows] for values in particles]
+        _arrives(medium, view, seen, pencils.of(rows), chance[rows], sample, by_order, by_light)
 
 
 def _followed(world, medium, particles, pencils, chosen) -> LightSample:

@@ -172,23 +172,24 @@ def one_pass(world, method, camera, height, width, number, seed, *, discrete, li
     lights : number of lights
     """
     pixels = height * width
-    sums = steps.Sums(pixels, lights)
+    sums = steps.Sums(pixels, lights, choices=steps.shared_choices((height, width), seed, number))
     squares = Squares.every(np.ones(pixels, np.int64) if method.squares is None else method.squares)
 
     def begin(first, last):
-        return _begin(method.medium, camera, width, squares.of(slice(first, last)), number, seed, discrete, first)
+        places = steps.places(seed, number, np.arange(first, last), len(squares.pixel))
+        return _begin(method.medium, camera, width, squares.of(slice(first, last)), number, seed, discrete, first, places)
 
     follow(len(squares.pixel), steps.ALL, begin, lambda paths: _bounce(world, method, paths, sums))
     return sums.by_order.reshape(-1, height, width, 3), sums.by_light.reshape(-1, height, width, 3)
 
 
-def _begin(medium, camera, width, squares, number, seed, discrete, first):
+def _begin(medium, camera, width, squares, number, seed, discrete, first, places):
     """Paths of squares, whose streams are numbered from `first` on."""
     pixel, side = squares.pixel, squares.side[:, None]
     n, waves, corners = len(pixel), len(medium.sigma_t), np.stack([pixel % width, pixel // width], axis=1)
     cell = np.stack([squares.number % squares.side, squares.number // squares.side], axis=1)
     states, origin, direction = of_camera(lambda offset, corner: camera.rays_at((cell + offset) / side, corner),
-                                          stream_key(seed, "render.walk", number), first, corners)
+                                          stream_key(seed, "render.walk", number), first, corners, places)
     paths = Paths.begun(origin, direction, waves, states, pixel, left_out=np.full((n, 3), np.nan),
                         discrete=discrete.reshape(-1)[pixel], splatted=False, ways=1 if number < _BEGINNING else _SPLIT)
     paths.throughput[:] /= side**2
