@@ -52,12 +52,11 @@ def of_scene(scene) -> list:
 
 
 def groups_of(scene) -> list[str]:
-    """Names of groups: of a scene's renderer (`render mixed`), of each kind of its materials (`render mixed: grains`), and of
-    scenes with such entries (`render mixed: body auto, grains auto`).  In surfaces nothing is followed: they have no kind."""
+    """Names of groups: of a scene's renderer (`render mixed`), of each kind of its materials in which light is followed (`render
+    mixed: grains`), and of scenes with such entries (`render mixed: body auto, grains auto`)."""
     every = f"render {scene.section}"
     entries = sorted((entry.kind, entry.method) for entry in scene.materials if hasattr(entry, "kind"))
-    kinds = dict.fromkeys(kind for kind, method in entries if method != "surface")
-    return [every, *(f"{every}: {kind}" for kind in kinds), f"{every}: {', '.join(map(' '.join, entries))}"]
+    return [every, *(f"{every}: {kind}" for kind in scene.followed), f"{every}: {', '.join(map(' '.join, entries))}"]
 
 
 def expect(kernels: Iterable, now: bool = False) -> None:

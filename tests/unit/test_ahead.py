@@ -12,6 +12,7 @@ import pytest
 
 from bakery.run import ahead
 from bakery.system import compiled, signatures, turns
+from renderers.scene import Scene
 from tests.conftest import ROOT
 
 
@@ -86,7 +87,7 @@ def test_a_scene_has_the_kernels_of_its_kinds_and_its_entries():
     """Grains and bodies in fog, of these surfaces as well, in which nothing is followed."""
     entries = [SimpleNamespace(kind=kind, method=method) for kind, method in
                [("grains", "auto"), ("medium", "auto"), ("grains", "auto"), ("body", "surface")]]
-    scene = SimpleNamespace(section="mixed", materials=entries)
+    scene = SimpleNamespace(section="mixed", materials=entries, followed=Scene.followed.fget(SimpleNamespace(materials=entries)))
     assert ahead.groups_of(scene) == ["render mixed", "render mixed: grains", "render mixed: medium",
                                       "render mixed: body surface, grains auto, grains auto, medium auto"]
     packages = {name.split(".")[2] for name, _ in ahead.of_scene(scene) if name.startswith("renderers.materials.")}
