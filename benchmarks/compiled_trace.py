@@ -48,7 +48,8 @@ def _types(arguments) -> list | None:
 
 
 def _group() -> str | None:
-    """What the main thread is at, as `bakery/run/kernels.json` calls it; the function that runs a stage has it as `step`."""
+    """What the main thread is at, as `bakery/run/kernels.json` calls it; the function that runs a stage has it as `step`, and
+    what renders passes has the scene, by the methods that were chosen, in `self`."""
     frame = sys._current_frames().get(threading.main_thread().ident)
     while frame:
         module, name = frame.f_globals.get("__name__"), frame.f_code.co_name
@@ -56,6 +57,9 @@ def _group() -> str | None:
             return f"stage {frame.f_locals['step'].stage.name}"
         if module == "bakery.run" and name == "_priced":
             return "plan"
+        rendering = frame.f_locals.get("self") if module == "renderers.pictures.passes" else None
+        if isinstance(rendering, getattr(sys.modules.get(module), "Rendering", ())) and rendering.job.scene.choice is not None:
+            return sys.modules["bakery.run.ahead"].groups_of(rendering.job.scene)[-1]
         frame = frame.f_back
     return "render"
 

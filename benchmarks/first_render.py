@@ -28,6 +28,10 @@ SCENES = sized(["candle", "glass_of_milk", "night_street", "lamp_in_dust", "heap
                ["candle"])
 RECIPES = ["coated_soot", "white_paint", "wax", "snow_field"]  # whose stages compile what no scene of SCENES needs
 RECORD = ROOT / "bakery" / "run" / "kernels.json"
+# kind of material -> modules whose kernels scenes of several kinds meet where they have it
+OF_KINDS = {"grains": ("renderers.materials.grains.", "bakery.physics.granular.", "bakery.physics.shapes."),
+            "body": ("renderers.materials.bodies.",), "particles": ("renderers.materials.particles.",),
+            "medium": ("renderers.materials.medium.", "renderers.transport.")}
 LEAST = 0.2  # processor seconds of a kernel with those that it calls; what takes less is not worth an entry
 
 
@@ -92,35 +96,42 @@ def longest(run: dict, count: int) -> list[str]:
     return [f"  {sum(spent[name]):6.2f} s  {len(spent[name])} x  {name}" for name in order]
 
 
-def groups(runs: list[dict]) -> dict[str, list]:
-    """Kernels of each stage, of every scene of a renderer, and of those with the same entries besides."""
+def groups(runs: list[dict], before: dict[str, list]) -> dict[str, list]:
+    """Kernels of each stage, of every scene of a renderer, of those with a kind of material, and of those with the same entries.
+
+    before : groups that are there, which say what every scene of a renderer meets; {}: what all of these scenes met
+    """
     sys.path.insert(0, str(ROOT))
     from bakery.run.ahead import groups_of
     from renderers import scene
 
     out: dict[str, list] = {}
-    of_renderer: dict[str, list[tuple[str, list]]] = {}  # group of a renderer -> of each scene its group and kernels
+    of_renderer: dict[str, list[list[tuple[str, list]]]] = {}  # its group -> of each scene its kernels, and a group for each
     for run in runs:
-        mine = []
+        mine, besides = [], ""
+        if is_scene(run["name"]):
+            every, *_, besides = groups_of(scene.load(ROOT / "assets" / "scenes" / f"{run['name']}.yaml"))
+            of_renderer.setdefault(every, []).append(mine)
         for kernel in run["trace"]["numba"]:
-            entry = [kernel["name"], kernel["types"]]
+            entry, group = [kernel["name"], kernel["types"]], kernel["group"]
             if kernel["depth"] or kernel["waiting"] or kernel["types"] is None or kernel["all"] < LEAST:
                 continue
-            if kernel["group"] == "render":
-                mine.append(entry)
-            elif entry not in out.setdefault(kernel["group"], []):
-                out[kernel["group"]].append(entry)
-        if not is_scene(run["name"]):
-            continue
-        every, besides = groups_of(scene.load(ROOT / "assets" / "scenes" / f"{run['name']}.yaml"))
-        of_renderer.setdefault(every, []).append((besides, mine))
+            if group.startswith("render"):
+                mine.append((besides if group == "render" else group, entry))
+            elif entry not in out.setdefault(group, []):
+                out[group].append(entry)
     for every, scenes in of_renderer.items():
-        shared = [entry for entry in scenes[0][1] if all(entry in mine for _, mine in scenes)]
-        out[every] = shared
-        for name, mine in scenes:
-            rest = [entry for entry in mine if entry not in shared and entry not in out.get(name, [])]
-            if rest:
-                out.setdefault(name, []).extend(rest)
+        general = [every, *(f"{every}: {kind}" for kind in OF_KINDS)]
+        if before:
+            shared = [entry for name in general for entry in before.get(name, [])]
+        else:
+            shared = [entry for _, entry in scenes[0] if all(entry in [other for _, other in mine] for mine in scenes)]
+            for entry in shared:
+                kinds = [kind for kind, modules in OF_KINDS.items() if every == "render mixed" and entry[0].startswith(modules)]
+                out.setdefault(": ".join([every, *kinds]), []).append(entry)
+        for name, entry in (row for mine in scenes for row in mine):
+            if entry not in shared and entry not in out.setdefault(name, []):
+                out[name].append(entry)
     return out
 
 
@@ -144,8 +155,9 @@ def main():
             of_tree = f"  {tree}" if len(trees) > 1 else ""
             print(row(runs[-1]) + of_tree, *longest(runs[-1], asked.kernels), sep="\n", flush=True)
     if asked.record and not SMALL:
-        recorded = groups(runs)
-        for name, kernels in json.loads(RECORD.read_text()).items() if asked.names else ():
+        before = json.loads(RECORD.read_text()) if asked.names else {}
+        recorded = groups(runs, before)
+        for name, kernels in before.items():
             recorded[name] = kernels + [entry for entry in recorded.get(name, []) if entry not in kernels]
         lines = (f"{json.dumps(name)}: [\n" + ",\n".join(map(json.dumps, kernels)) + "]"
                  for name, kernels in sorted(recorded.items()))

@@ -47,16 +47,16 @@ def of(group: str, modules: Iterable[str] | None = None) -> list:
 
 
 def of_scene(scene) -> list:
-    """Kernels of a `renderers.scene.Scene`: those of its renderer, and those that its entries meet besides."""
-    every, besides = groups_of(scene)
-    return of(every) + of(besides)
+    """Kernels that a `renderers.scene.Scene` meets, as far as its entries tell."""
+    return [kernel for group in groups_of(scene) for kernel in of(group)]
 
 
-def groups_of(scene) -> tuple[str, str]:
-    """Names of groups: of a scene's renderer (`render granular`), and of all scenes with such entries (`render granular: grains
-    ept`)."""
-    entries = sorted(f"{entry.kind} {entry.method}" for entry in scene.materials if hasattr(entry, "kind"))
-    return f"render {scene.section}", f"render {scene.section}: {', '.join(entries)}"
+def groups_of(scene) -> list[str]:
+    """Names of groups: of a scene's renderer (`render mixed`), of each kind of its materials in which light is followed (`render
+    mixed: grains`), and of scenes with such entries (`render mixed: body auto, grains auto`)."""
+    every = f"render {scene.section}"
+    entries = sorted((entry.kind, entry.method) for entry in scene.materials if hasattr(entry, "kind"))
+    return [every, *(f"{every}: {kind}" for kind in scene.followed), f"{every}: {', '.join(map(' '.join, entries))}"]
 
 
 def expect(kernels: Iterable, now: bool = False) -> None:

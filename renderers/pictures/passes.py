@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bakery.run import ahead
 from renderers import choice, seeds
 from renderers.mitsuba import variants
 from renderers.mitsuba.lights import DARK
@@ -161,6 +162,8 @@ class Rendering:
         if taken is not None:
             self.job.part_over("choice")
             self.job.scene = dataclasses.replace(candidates.by_methods(scene, taken.methods), choice=taken)
+            if scene.choice is None:  # chosen by this process, and not by one whose workers draw
+                ahead.expect(ahead.of_scene(self.job.scene), now=True)
         begins("preparation")
         self.method = self.job.scene.prepare(self.job, world, self.seed)
         world.forget()

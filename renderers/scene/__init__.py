@@ -98,6 +98,13 @@ class Scene:
         return getattr(self.values, "materials", None) or [self.values]
 
     @property
+    def followed(self) -> list[str]:
+        """Kinds of its materials in which light is followed: not those that are surfaces alone."""
+        of_kinds = [(entry.kind, entries.declared(entry.kind).get(entry.method)) for entry in self.materials
+                    if hasattr(entry, "kind")]
+        return sorted({kind for kind, method in of_kinds if method is None or not method.surface})
+
+    @property
     def rules(self):
         """The renderer's module `scene`."""
         return import_module(f"{self.renderer}.scene")

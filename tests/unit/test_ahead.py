@@ -6,11 +6,13 @@ import json
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
 from bakery.run import ahead
 from bakery.system import compiled, signatures, turns
+from renderers.scene import Scene
 from tests.conftest import ROOT
 
 
@@ -79,6 +81,17 @@ def test_what_is_not_remembered_is_compiled_for(monkeypatch):
     assert memory.get("rays", "unknown") is None
     modules = {name.split(":")[0].split(".")[2] for name, _ in expected}
     assert modules == {"mie", "goa"}
+
+
+def test_a_scene_has_the_kernels_of_its_kinds_and_its_entries():
+    """Grains and bodies in fog, of these surfaces as well, in which nothing is followed."""
+    entries = [SimpleNamespace(kind=kind, method=method) for kind, method in
+               [("grains", "auto"), ("medium", "auto"), ("grains", "auto"), ("body", "surface")]]
+    scene = SimpleNamespace(section="mixed", materials=entries, followed=Scene.followed.fget(SimpleNamespace(materials=entries)))
+    assert ahead.groups_of(scene) == ["render mixed", "render mixed: grains", "render mixed: medium",
+                                      "render mixed: body surface, grains auto, grains auto, medium auto"]
+    packages = {name.split(".")[2] for name, _ in ahead.of_scene(scene) if name.startswith("renderers.materials.")}
+    assert packages == {"grains", "medium"}
 
 
 def test_nothing_starts_where_all_is_kept_or_no_processor_is_free(monkeypatch):

@@ -42,9 +42,10 @@ ENGINE = {"bakery/physics/multiple/symbolic.py": {"drjit"},
 # what renderers see of bakery: assets, kernels for their own loops, the grammar of scenes, and what the machine offers
 SEEN = {"bakery", "bakery.open"}, ("bakery.errors", "bakery.grammar", "bakery.kernels", "bakery.store.outputs",
                                    "bakery.store.ply", "bakery.store.put", "bakery.store.scratch", "bakery.system")
-# where the recipe of a scene becomes its asset, and what is kept beside it
+# where the recipe of a scene becomes its asset, what is kept beside it, and where it is known which kernels are met
 BAKES = {"renderers/scene/assets.py": ("bakery.run.ensure",),
          "renderers/choice/remembered.py": ("bakery.run.cache", "bakery.store.tree"),
+         "renderers/pictures/passes.py": ("bakery.run.ahead",),
          "renderers/sequence/__init__.py": ("bakery.run.progress",)}
 # rooms of renderers, from the ground up: each with what it may import of the others
 ROOMS = {"camera": set(), "colour": set(), "progress": set(), "seeds": set(), "threads": set(),
