@@ -15,7 +15,7 @@ from renderers.transport.paths import Colours
 ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
 # where fewer paths than that, and than that share of them, are left, lights are sampled less; with less than the last share each
 # sample would be seen
-_MANY, _SHARE, _LEAST = 4096, 1 / 16, 1 / 8
+_MANY, _SHARE, LEAST = 4096, 1 / 16, 1 / 8
 
 
 class Sums:
@@ -29,12 +29,12 @@ class Sums:
         self.by_order, self.by_light = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((lights, pixels, 3))
         self._many = min(_MANY, _SHARE * min(paths, ALL))
 
-    def often(self, count):
+    def often(self, count, least=LEAST):
         """Share of the light samples that are taken, a power of 1/2, where a call of Mitsuba's is for so many paths.
 
         Pictures are the same in the mean; the fewer paths go on, the more each of these calls costs.
         """
-        return min(max(2.0 ** math.floor(math.log2(max(count / self._many, 1e-9))), _LEAST), 1.0)
+        return min(max(2.0 ** math.floor(math.log2(max(count / self._many, 1e-9))), least), 1.0)
 
     @staticmethod
     def skips(paths):
