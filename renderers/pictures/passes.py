@@ -275,7 +275,8 @@ def _denoised(values, quality, method, estimate, features):
         return None, [f"the noise is not taken out: a filter takes the detail of method {method.name} for noise"]
     parts = {name: (mean.layers[""], mean.variance) for name, mean in estimate.means.items()}
     widened = {name: student([1.0], [mean.count]) for name, mean in estimate.means.items() if mean.variance is not None}
-    smoothed = denoise.denoised(parts, [name for name in parts if name in method.apart], features and features(quality), widened)
+    smoothed = denoise.denoised(parts, [name for name in parts if name in method.apart], features and features(quality), widened,
+                                quick=quality == "draft")
     return smoothed, [*sentences, denoise.sentence(smoothed.figures)]
 
 

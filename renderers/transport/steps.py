@@ -12,7 +12,7 @@ from renderers.transport.paths import Colours
 ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
 # where fewer paths than that, and than that share of them, are left, lights are sampled less; with less than the last share each
 # sample would be seen
-_MANY, _SHARE, _LEAST = 4096, 1 / 16, 1 / 8
+_MANY, _SHARE, LEAST = 4096, 1 / 16, 1 / 8
 # What is added from pass to pass to numbers of [0, 1), so that they fill it evenly: to places in a pixel or on a disc (powers of
 # 1 over the root of x^3 = x + 1, Roberts 2018), to the choice of a light (golden ratio), and to the place on it.  None is a
 # rational function of others, so that all places get all lights
@@ -54,12 +54,12 @@ class Sums:
         self.by_order, self.by_light = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((lights, pixels, 3))
         self._many = min(_MANY, _SHARE * min(paths, ALL))
 
-    def often(self, count):
+    def often(self, count, least=LEAST):
         """Share of the light samples that are taken, a power of 1/2, where a call of Mitsuba's is for so many paths.
 
         Pictures are the same in the mean; the fewer paths go on, the more each of these calls costs.
         """
-        return min(max(2.0 ** math.floor(math.log2(max(count / self._many, 1e-9))), _LEAST), 1.0)
+        return min(max(2.0 ** math.floor(math.log2(max(count / self._many, 1e-9))), least), 1.0)
 
     @staticmethod
     def skips(paths):

@@ -21,7 +21,7 @@ def any_filter(monkeypatch):
     monkeypatch.setattr(denoise, "_version", lambda: "of the test")
 
     def put(function):
-        monkeypatch.setattr(denoise, "_filtered", lambda picture, features: function(picture))
+        monkeypatch.setattr(denoise, "_filtered", lambda picture, features, quick: function(picture))
 
     return put
 
@@ -147,6 +147,8 @@ def test_what_is_kept_apart_is_not_smeared(any_filter):
     rest = denoised({"walk": (picture, variance)}, features=some).rgb
     assert np.array_equal(mixed[:, :16], (rest + glints)[:, :16]) and np.array_equal(mixed[:, 16:], whole[:, 16:])
     assert np.array_equal(denoised(parts, ["walk", "splat"]).rgb, picture + glints)
+    nowhere = denoised(parts, ["splat"], some._replace(detail=0 * detail))  # then the filter sees all, as it says
+    assert np.array_equal(nowhere.rgb, whole) and nowhere.figures["apart"] == []
     said = denoise.sentence(found.figures)  # of what the person has, not of parts of the code
     assert "grains and particles" in said and "splat" not in said
 
