@@ -25,17 +25,13 @@ import numpy as np
 
 from bakery.errors import UsageError
 from renderers.camera import Camera, length
-from renderers.mitsuba import lights, shading, shapes, variants
+from renderers.mitsuba import beside, lights, shading, shapes, variants
 from renderers.mitsuba.recording import pointers, undisturbed
 from renderers.mitsuba.scene import load
 from renderers.mitsuba.sensor import camera_of
 from renderers.mitsuba.shading import FAR, LOBE, LightSample, Shading
 
 _SMALL = math.pi * math.radians(2.0) ** 2  # sr, of lamps that rays meet seldom
-_GLANCES = 24  # rows and columns of rays that tell how far away surfaces are
-# way by which rays begin beside surfaces, over the distance of what is seen, from which on it is told: at 0.015 balls on a floor
-# are right to 0.3 %, at 0.045 some are 3 % too bright
-_BESIDE = 0.02
 SIZE = (480, 640)  # (height, width) of pictures of scenes without a Mitsuba file
 
 
@@ -156,7 +152,7 @@ class World:
         way of mirrors, smooth glass and what light goes straight through, but for shapes of some names: no ray meets such lamps,
         and light samples end there.  Also on shadows that are lost to single precision."""
         if not self.without_extent:
-            return self._skipped()
+            return beside.left_out(self)
         unmet = [name for name, emitter in zip(self.light_names, self.scene.emitters())
                  if mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta)
                  and (emitter.get_shape() is not None or not emitter.sampling_weight() > 0)]
@@ -166,22 +162,9 @@ class World:
         never = ["light of areas that shine in one direction, or of lamps without extent whose sampling_weight is 0 "
                  f"({_examples(unmet)}) is left out, and how much is not measured: neither rays nor light samples meet it, as in "
                  "Mitsuba's path; a directional light or a spot, of some weight, is found"]
-        return self._skipped() + never * bool(unmet) + [
+        return beside.left_out(self) + never * bool(unmet) + [
             f"light of lamps without extent by way of {kind} ({_examples(names)}) is left out, and how much is not measured; "
             "a small sphere that shines in its place is found" for kind, names in kinds.items() if names]
-
-    def _skipped(self) -> list[str]:
-        """A sentence where Mitsuba's rays leave out much of the way to what the camera sees, as they begin beside surfaces."""
-        if self.camera is None:
-            return []
-        corners = np.meshgrid(*(np.linspace(0, side - 1, _GLANCES) for side in self.size[::-1]))
-        distance = self.trace(*self.camera.rays_at(0.5, np.stack(corners, axis=-1).reshape(-1, 2)), FAR)
-        seen = np.median(distance[np.isfinite(distance)]) if np.isfinite(distance).any() else np.inf
-        far = np.abs(self.camera.origin).max()
-        beside = mi.math.RayEpsilon * (self.unit + far)
-        return [f"rays begin some {beside:.2g} m beside surfaces, as Mitsuba has it in units of {self.unit:g} m and {far:.3g} m "
-                f"from the origin; what is seen is {seen:.2g} m away, so shadows and light nearby are lost; a smaller unit, or a "
-                "scene near the origin, would do"] if beside > _BESIDE * seen else []
 
     def extents(self, within=None):
         """Where surfaces are, m: triangles (T, 3, 3) of the meshes, and boxes (B, 2, 3) around the other shapes.
